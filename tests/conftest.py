@@ -1,0 +1,30 @@
+"""What every test shares: reproducible property tests and the road to real data."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import settings
+
+settings.register_profile("book", deadline=None, derandomize=True, max_examples=50)
+settings.load_profile("book")
+torch.set_num_threads(max(1, os.cpu_count() or 1))
+
+BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[2] / "shared" / "real"
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """The folder with the small real data sets; tests that need it skip where it is absent."""
+    folder = Path(os.environ.get("POSECORE_DATA", BESIDE_THE_CHECKOUT))
+    if not (folder / "bop_results").is_dir():
+        pytest.skip(f"no real data: {folder} has no bop_results (set POSECORE_DATA to its folder)")
+    return folder
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """A generator that is the same in every run."""
+    return np.random.default_rng(0)
