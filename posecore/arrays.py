@@ -1,0 +1,225 @@
+"""One calling convention for the whole library, and errors that name the argument.
+
+Every numeric function of posecore is written once, in PyTorch, and is called with NumPy arrays,
+nested lists or tensors:
+
+- tensors in, tensors out (same device, gradients flow);
+- arrays or lists in, arrays out (a result without dimensions comes back as a NumPy scalar);
+- arguments of different precision are promoted to the widest; integers become floats.
+
+A function states the shapes it expects, `@array_function(R="... 3 3", points="... N 3")`, and may
+then rely on them: wrong shapes, empty clouds and values that are not finite have been refused with
+a `ValueError` that names the argument, what was expected and what came.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn, TypeVar, cast
+
+import numpy as np
+import torch
+from torch import Tensor
+
+__all__ = [
+    "Array",
+    "array_function",
+    "fail",
+    "require_choice",
+    "require_integer",
+    "require_number",
+]
+
+Array = Tensor | np.ndarray
+"""What the functions of posecore take and return: a tensor or a NumPy array."""
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def fail(name: str, expected: str, got: object) -> NoReturn:
+    """Raise the library's one kind of error: which argument, what was expected, what came."""
+    raise ValueError(f"{name}: expected {expected}, got {got}")
+
+
+def require_choice(name: str, value: object, choices: Sequence[object]) -> None:
+    """Refuse a `value` that is not one of `choices`."""
+    if value not in choices:
+        fail(name, "one of " + ", ".join(map(repr, choices)), repr(value))
+
+
+def require_integer(
+    name: str, value: object, low: int | None = None, high: int | None = None
+) -> int:
+    """Return `value` as an int, or refuse what is not an integer in [`low`, `high`]."""
+    expected = "an integer" + _bounds(low, high)
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
+        fail(name, expected, repr(value))
+    number = int(cast(int, value))
+    if (low is not None and number < low) or (high is not None and number > high):
+        fail(name, expected, number)
+    return number
+
+
+def require_number(
+    name: str,
+    value: object,
+    low: float | None = None,
+    high: float | None = None,
+    *,
+    above: float | None = None,
+) -> float:
+    """Return `value` as a float, or refuse what is not a finite number in [`low`, `high`].
+
+    `above` is a lower bound that the value may not touch: `above=0` asks for a positive number.
+    """
+    expected = "a finite number" + _bounds(low, high)
+    if above is not None:
+        expected = f"a finite number above {above}" + _bounds(None, high)
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        fail(name, expected, repr(value))
+    if (
+        not np.isfinite(number)
+        or (low is not None and number < low)
+        or (high is not None and number > high)
+        or (above is not None and number <= above)
+    ):
+        fail(name, expected, number)
+    return number
+
+
+def _bounds(low: float | None, high: float | None) -> str:
+    if low is not None and high is not None:
+        return f" between {low} and {high}"
+    if low is not None:
+        return f" of at least {low}"
+    return f" of at most {high}" if high is not None else ""
+
+
+def array_function(**shapes: str) -> Callable[[F], F]:
+    """Make a function written in PyTorch take NumPy arrays as well, and check its input.
+
+    Args:
+        shapes: for each array argument its shape, dimensions separated by blanks: a number is that
+            size; a name is any size of at least one, the same wherever the name appears; a leading
+            `...` stands for any number of batch dimensions, which must broadcast over the arguments
+            that have them. `None` is passed through, so optional arguments need no special care.
+
+    Raises (when the decorated function is called):
+        ValueError: if an array is not numeric, does not have its shape, or is not finite.
+    """
+    specs = {name: tuple(spec.split()) for name, spec in shapes.items()}
+
+    def decorate(function: F) -> F:
+        signature = inspect.signature(function)
+        unknown = set(specs) - set(signature.parameters)
+        if unknown:
+            raise TypeError(f"{function.__name__} has no argument {sorted(unknown)}")
+
+        @functools.wraps(function)
+        def wrapper(*args: Any, **kwargs: Any) -> Any:
+            bound = signature.bind(*args, **kwargs)
+            given = {n: bound.arguments[n] for n in specs if bound.arguments.get(n) is not None}
+            tensors = _to_tensors(given)
+            _check_shapes(tensors, specs)
+            for name, tensor in tensors.items():
+                _check_finite(name, tensor)
+            bound.arguments.update(tensors)
+            result = function(*bound.args, **bound.kwargs)
+            came_as_tensor = any(isinstance(value, Tensor) for value in given.values())
+            return result if came_as_tensor else _to_numpy(result)
+
+        return cast(F, wrapper)
+
+    return decorate
+
+
+def _to_tensors(given: dict[str, Any]) -> dict[str, Tensor]:
+    """Tensors of one floating type and on one device; tensors keep their graph."""
+    device = next((v.device for v in given.values() if isinstance(v, Tensor)), None)
+    tensors = {name: _to_tensor(name, value, device) for name, value in given.items()}
+    dtypes = {tensor.dtype for tensor in tensors.values()}
+    if len(dtypes) > 1:
+        widest = functools.reduce(torch.promote_types, dtypes)
+        tensors = {name: tensor.to(widest) for name, tensor in tensors.items()}
+    return tensors
+
+
+def _to_tensor(name: str, value: Any, device: torch.device | None) -> Tensor:
+    if isinstance(value, Tensor):
+        if value.is_complex():
+            fail(name, "real numbers", value.dtype)
+        return value if value.is_floating_point() else value.to(torch.get_default_dtype())
+    try:
+        array = np.asarray(value)
+    except ValueError:  # a ragged list
+        fail(name, "an array of numbers", "rows of different lengths")
+    if array.dtype.kind not in "fiub":
+        fail(name, "an array of numbers", f"dtype {array.dtype}")
+    if array.dtype not in (np.float16, np.float32, np.float64):
+        array = array.astype(np.float64)
+    # PyTorch cannot share memory that is read-only, reversed, or in the other byte order.
+    if not array.flags.writeable or not array.dtype.isnative or min(array.strides, default=0) < 0:
+        array = array.astype(array.dtype.newbyteorder("="), order="C", copy=True)
+    return torch.from_numpy(array).to(device)
+
+
+def _to_numpy(result: Any) -> Any:
+    if isinstance(result, Tensor):
+        array = result.detach().cpu().numpy()
+        return array if array.ndim else array[()]
+    if isinstance(result, tuple):
+        values = [_to_numpy(item) for item in result]
+        return type(result)(*values) if hasattr(result, "_fields") else tuple(values)
+    return result
+
+
+def _check_shapes(tensors: dict[str, Tensor], specs: dict[str, tuple[str, ...]]) -> None:
+    sizes: dict[str, tuple[int, str]] = {}  # dimension name -> its size and who set it
+    batches: dict[str, tuple[int, ...]] = {}
+    for name, tensor in tensors.items():
+        spec = specs[name]
+        shape = tuple(tensor.shape)
+        batched = spec[:1] == ("...",)
+        core = spec[1:] if batched else spec
+        head = len(shape) - len(core)
+        if head < 0 or (head > 0 and not batched):
+            fail(name, f"shape {_show(spec)}", f"shape {shape}")
+        for dimension, size in zip(core, shape[head:], strict=True):
+            if dimension.isdigit():
+                if size != int(dimension):
+                    fail(name, f"shape {_show(spec)}", f"shape {shape}")
+            elif size == 0:
+                fail(name, f"shape {_show(spec)} with {dimension} of at least 1", f"shape {shape}")
+            elif size != sizes.setdefault(dimension, (size, name))[0]:
+                there, other = sizes[dimension]
+                fail(name, f"{dimension} = {there} as in {other}", f"shape {shape}")
+        if batched:
+            batches[name] = shape[:head]
+    if len(set(batches.values())) > 1:
+        try:
+            torch.broadcast_shapes(*batches.values())
+        except RuntimeError:
+            listing = ", ".join(f"{name} {batch}" for name, batch in batches.items())
+            fail(" and ".join(batches), "batch dimensions that broadcast", listing)
+
+
+def _check_finite(name: str, tensor: Tensor) -> None:
+    # Under torch.compile there are no values to look at.
+    if torch.compiler.is_compiling() or bool(torch.isfinite(tensor).all()):
+        return
+    bad = ~torch.isfinite(tensor)
+    first = tuple(bad.nonzero()[0].tolist())
+    fail(
+        name,
+        "finite values",
+        f"{int(bad.sum())} of {tensor.numel()} that are not, the first {tensor[first].item()}"
+        + (f" at index {first}" if first else ""),
+    )
+
+
+def _show(spec: tuple[str, ...]) -> str:
+    return "(" + ", ".join(spec) + ("," if len(spec) == 1 else "") + ")"
