@@ -1,0 +1,54 @@
+"""Metrics: errors of single poses, overlap of boxes, and what is made of many errors."""
+
+from posecore.metrics.boxes import box_corners, nocs_legacy_iou, oriented_iou_3d
+from posecore.metrics.detection import average_precision, match_by_overlap
+from posecore.metrics.pose_errors import (
+    add,
+    add_s,
+    axis_error,
+    closest_symmetry,
+    mspd,
+    mssd,
+    projection_2d,
+    rotation_error,
+    translation_error,
+)
+from posecore.metrics.pose_table import PoseTable
+from posecore.metrics.summaries import (
+    accuracy,
+    accuracy_curve,
+    angle_difference,
+    auc,
+    average_recall,
+    balanced_mean_angular_error,
+    mean_absolute_error,
+    root_mean_squared_error,
+    within,
+)
+
+__all__ = [
+    "PoseTable",
+    "accuracy",
+    "accuracy_curve",
+    "add",
+    "add_s",
+    "angle_difference",
+    "auc",
+    "average_precision",
+    "average_recall",
+    "axis_error",
+    "balanced_mean_angular_error",
+    "box_corners",
+    "closest_symmetry",
+    "match_by_overlap",
+    "mean_absolute_error",
+    "mspd",
+    "mssd",
+    "nocs_legacy_iou",
+    "oriented_iou_3d",
+    "projection_2d",
+    "root_mean_squared_error",
+    "rotation_error",
+    "translation_error",
+    "within",
+]

@@ -1,0 +1,87 @@
+"""Average precision against its definition in a loop, and by hand."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from posecore import metrics
+
+detections = st.lists(
+    st.tuples(st.sampled_from([0.1, 0.2, 0.3, 0.5, 0.9]), st.booleans()), max_size=25
+)
+
+
+def precision_envelope(scores, correct, count):
+    """The area by definition: at every recall the best precision there or beyond."""
+    points = []
+    for threshold in np.unique(scores):
+        chosen = scores >= threshold
+        points.append((correct[chosen].sum() / count, correct[chosen].mean()))
+    area, recalls = 0.0, sorted({r for r, _ in points} | {0.0})
+    for low, high in itertools.pairwise(recalls):
+        area += (high - low) * max(p for r, p in points if r >= high)
+    return area
+
+
+@given(detections, st.integers(0, 5))
+def test_average_precision_is_its_definition(rows, missed):
+    scores = np.array([s for s, _ in rows])
+    correct = np.array([c for _, c in rows], bool)
+    count = int(correct.sum()) + missed + (not correct.any())
+    expected = precision_envelope(scores, correct, count)
+    assert metrics.average_precision(scores, correct, count) == pytest.approx(expected)
+
+
+def test_average_precision_by_hand():
+    # right, wrong, right: precision 1 up to recall 1/2, then 2/3.
+    assert metrics.average_precision([3, 2, 1], [True, False, True], 2) == pytest.approx(5 / 6)
+    assert metrics.average_precision([1, 2], [True, True], 2) == 1
+    assert metrics.average_precision([1, 2], [True, True], 4) == 0.5
+    assert metrics.average_precision([], np.array([], bool), 3) == 0
+    # Equal scores: the order in the file must not matter.
+    assert metrics.average_precision([1, 1], [True, False], 1) == 0.5
+    assert metrics.average_precision([1, 1], [False, True], 1) == 0.5
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_each_object_is_found_once(seed):
+    rng = np.random.default_rng(seed)
+    overlaps, scores = rng.uniform(0, 1, (rng.integers(0, 6), rng.integers(0, 4))), None
+    scores = rng.permutation(len(overlaps)).astype(float)
+    found = metrics.match_by_overlap(overlaps, scores, 0.3)
+    assert found.sum() <= overlaps.shape[1]
+    assert not found[(overlaps < 0.3).all(1)].any()
+    if overlaps.size and overlaps[scores.argmax()].max() >= 0.3:
+        assert found[scores.argmax()]  # the surest one has the first choice
+
+
+def test_the_surest_choose_first():
+    overlaps = [[0.6, 0.9], [0.0, 0.8], [0.7, 0.0]]
+    assert metrics.match_by_overlap(overlaps, [1, 2, 3], 0.5).tolist() == [False, True, True]
+    assert metrics.match_by_overlap(overlaps, [3, 2, 1], 0.5).tolist() == [True, False, True]
+    assert metrics.match_by_overlap(overlaps, [3, 3, 3], 0.5).tolist() == [True, False, True]
+    assert metrics.match_by_overlap(np.zeros((2, 0)), [1, 2], 0.5).tolist() == [False, False]
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda: metrics.match_by_overlap([0.5], [1], 0.5), "overlaps"),
+        (lambda: metrics.match_by_overlap([[0.5]], [1, 2], 0.5), "scores"),
+        (lambda: metrics.match_by_overlap([[np.nan]], [1], 0.5), "overlaps"),
+        (lambda: metrics.match_by_overlap([[0.5]], [np.inf], 0.5), "scores"),
+        (lambda: metrics.match_by_overlap([[0.5]], [1], None), "threshold"),
+        (lambda: metrics.average_precision([1], [True, False], 1), "correct"),
+        (lambda: metrics.average_precision([1], [1], 1), "correct"),
+        (lambda: metrics.average_precision([1, 2], [True, True], 1), "correct"),
+        (lambda: metrics.average_precision([1], [True], 0), "object_count"),
+        (lambda: metrics.average_precision([np.nan], [True], 1), "scores"),
+        (lambda: metrics.average_precision([[1.0]], [[True]], 1), "scores"),
+    ],
+)
+def test_bad_input_is_named(call, name):
+    with pytest.raises(ValueError, match=name):
+        call()

@@ -1,0 +1,56 @@
+"""The table of poses: what it holds, what it refuses."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from posecore.metrics import PoseTable
+
+
+def table(n=3, **changes):
+    columns = {
+        "scene_id": np.arange(n),
+        "image_id": np.arange(n) + 10,
+        "object_id": np.arange(n) + 20,
+        "R": np.tile(np.eye(3), (n, 1, 1)),
+        "t": np.arange(3.0 * n).reshape(n, 3),
+        "score": np.linspace(0, 1, n),
+        "time": np.full(n, -1),
+    }
+    return PoseTable(**(columns | changes))
+
+
+@given(st.integers(0, 9), st.integers(0, 2**9 - 1))
+def test_rows_are_chosen_in_every_column(n, bits):
+    mask = np.array([bool(bits >> i & 1) for i in range(n)], bool)
+    whole, some = table(n), table(n)[mask]
+    assert len(some) == mask.sum()
+    for name in ("scene_id", "image_id", "object_id", "R", "t", "score", "time"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(whole, name)[mask])
+
+
+def test_types_are_the_same_whatever_comes_in():
+    poses = table(t=[[1, 2, 3]] * 3, scene_id=np.arange(3, dtype=np.uint8))
+    assert poses.t.dtype == poses.time.dtype == np.float64
+    assert poses.scene_id.dtype == np.int64
+    assert len(table(0)) == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({"scene_id": np.zeros(2, int)}, "scene_id"),
+        ({"image_id": np.zeros(3)}, "image_id"),
+        ({"object_id": np.array(["a", "b", "c"])}, "object_id"),
+        ({"R": np.zeros((3, 9))}, "R"),
+        ({"R": np.full((3, 3, 3), np.nan)}, "R.*row 0"),
+        ({"t": np.zeros(3)}, "t"),
+        ({"t": np.array([[0, 0, 0], [0, 0, 0], [0, np.inf, 0]])}, "t.*row 2"),
+        ({"score": np.array(["high"] * 3)}, "score"),
+        ({"time": np.zeros((3, 1))}, "time"),
+    ],
+)
+def test_bad_input_is_named(changes, name):
+    with pytest.raises(ValueError, match=name):
+        table(**changes)

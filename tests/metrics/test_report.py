@@ -1,0 +1,80 @@
+"""The table of all metrics."""
+
+import numpy as np
+import pytest
+
+from posecore.metrics.evaluation import ObjectErrors
+from posecore.metrics.report import report, summarise, to_text
+
+
+def errors(add, diameter=0.2, **values):
+    add = np.array(add, float)
+    values = {name: np.array(value, float) for name, value in values.items()}
+    base = {"translation": add, "add": add, "diameter": np.full(len(add), diameter)}
+    return ObjectErrors(np.isfinite(add), base | values, {})
+
+
+def find(lines, section, label):
+    return next(line for line in lines if line.section.startswith(section) and line.label == label)
+
+
+def test_shares_of_all_and_of_the_estimated():
+    """Diameter 20 cm: right below 2 cm. Two of four right, one of them missing."""
+    values = summarise(errors([0.01, 0.019, 0.03, np.inf]))
+    assert values["correct, % of all ground truth", "ADD < 0.1 d"] == 50
+    assert values["correct, % of the estimated", "ADD < 0.1 d"] == pytest.approx(200 / 3)
+    assert values["correct, number of poses", "ADD < 0.1 d"] == 2
+    assert values["median of the estimated", "ADD, mm"] == pytest.approx(19)
+    area = (0.9 + 0.81 + 0.7 + 0) / 4
+    assert values["area under the accuracy curve to 10 cm, %", "ADD"] == pytest.approx(100 * area)
+
+
+def test_objects_and_poses_weigh_differently():
+    """One frequent easy object and one rare hard one: which mean a paper prints matters."""
+    lines = report({1: errors([0.0] * 9), 2: errors([1.0])})
+    line = find(lines, "correct, % of all", "ADD < 0.1 d")
+    assert line.objects == {1: 100, 2: 0}
+    assert (line.pooled, line.mean) == (90, 50)
+    count = find(lines, "correct, number", "ADD < 0.1 d")
+    assert (count.pooled, count.mean) == (9, None)
+
+
+def test_thresholds_of_the_bop_recalls():
+    """An error of 0.25 d passes the five thresholds above it, of ten."""
+    one = errors([0.05], mssd=[0.05], mspd=[12.0])
+    values = summarise(one)
+    assert values["BOP average recall, %", "MSSD"] == pytest.approx(50)
+    assert values["BOP average recall, %", "MSPD"] == pytest.approx(80)  # 15 to 50 px
+    wide = summarise(one, image_width=1280)
+    assert wide["BOP average recall, %", "MSPD"] == pytest.approx(90)  # 20 to 100 px
+
+
+def test_angles():
+    rad = np.deg2rad
+    angles = {"yaw": rad([1, 1, 4]), "pitch": rad([-2, 2, 2]), "roll": rad([0, 0, 0])}
+    true = {"true_yaw": rad([1, 2, 50]), "true_pitch": rad([0, 0, 0]), "true_roll": rad([0, 0, 0])}
+    values = summarise(errors([0, 0, 0], rotation=rad([2, 2, 2]), **angles, **true))
+    section = next(s for s, label in values if label == "MAE yaw")
+    assert values[section, "MAE yaw"] == pytest.approx(2)
+    assert values[section, "BMAE yaw"] == pytest.approx(2.5)
+    assert values[section, "RMSE yaw"] == pytest.approx(np.sqrt(6))
+    assert values[section, "MAE pitch"] == pytest.approx(2)
+    assert values[section, "MAE average"] == pytest.approx(4 / 3)
+
+
+def test_nothing_estimated_is_zero_and_not_an_error():
+    lines = report({1: errors([np.inf, np.inf])})
+    assert find(lines, "correct, % of all", "ADD < 0.1 d").pooled == 0
+    assert find(lines, "area", "ADD").pooled == 0
+    assert not any(line.section.startswith("median") for line in lines)
+    assert "nan" not in to_text(lines)
+
+
+def test_text_is_aligned_and_shows_what_is_missing():
+    lines = report({5: errors([0.01, np.inf]), 12: errors([0.001], mssd=[0.002])})
+    text = to_text(lines)
+    rows = [row for row in text.splitlines() if row.startswith("  ")]
+    assert len({len(row) for row in rows}) == 1
+    assert rows[0].split() == ["obj", "5", "obj", "12", "all", "poses", "mean", "of", "obj"]
+    mssd = next(row for row in rows if "MSSD, mm" in row)
+    assert mssd.split()[-4:] == ["-", "2.000", "2.000", "2.000"]
