@@ -1,0 +1,18 @@
+"""Datasets and results in the formats of the BOP benchmark (Hodan et al., ECCV 2018).
+
+On disk BOP has millimetres; everything that leaves this package is in metres.
+"""
+
+from data_tools.bop.dataset import BopDataset
+from data_tools.bop.models import ModelInfo, Models
+from data_tools.bop.results import read_results, write_results
+from data_tools.bop.rotations import RotationWarning
+
+__all__ = [
+    "BopDataset",
+    "ModelInfo",
+    "Models",
+    "RotationWarning",
+    "read_results",
+    "write_results",
+]

@@ -1,0 +1,224 @@
+"""Files that come in whole or not at all: images, JSON, and the writing of new ones.
+
+Everything a reader refuses is a `ValueError` that begins with the file's name. What has a checksum
+(PNG) is checked to the last byte; a JPEG or TIFF is checked for its end, as they hold no checksum.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import secrets
+import sys
+import zlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+__all__ = [
+    "find_image",
+    "read_bytes",
+    "read_depth",
+    "read_grey",
+    "read_integer",
+    "read_json",
+    "read_mask",
+    "read_number",
+    "read_numbers",
+    "read_rgb",
+    "write_bytes",
+]
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a file that must not be empty.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is empty or cannot be read.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{path}: no such file") from None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from error
+    if not data:
+        raise ValueError(f"{path}: empty file")
+    return data
+
+
+def find_image(folder: Path, stem: str) -> Path:
+    """The image `folder/stem` with whatever suffix it has.
+
+    Raises:
+        FileNotFoundError: if there is none.
+    """
+    for suffix in IMAGE_SUFFIXES:
+        if (path := folder / (stem + suffix)).is_file():
+            return path
+    raise FileNotFoundError(f"{folder / stem}: no such image ({', '.join(IMAGE_SUFFIXES)})")
+
+
+def read_rgb(path: Path) -> np.ndarray:
+    """A colour image (H, W, 3), uint8, red first."""
+    image = _decode(path, "three channels of 8 bits", (np.uint8,), channels=3)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def read_grey(path: Path) -> np.ndarray:
+    """A grey image (H, W), uint8 or uint16."""
+    return _decode(path, "one channel of 8 or 16 bits", (np.uint8, np.uint16))
+
+
+def read_depth(path: Path, scale: float) -> np.ndarray:
+    """A depth image (H, W) in metres, float32, 0 where nothing was measured.
+
+    Args:
+        path: an image of one channel of 16 bits.
+        scale: millimetres per unit of the image.
+    """
+    image = _decode(path, "one channel of 16 bits", (np.uint16,))
+    return (image * scale / 1000).astype(np.float32)
+
+
+def read_mask(path: Path) -> np.ndarray:
+    """A mask (H, W), bool: true where the image is not 0."""
+    return _decode(path, "one channel of 8 bits", (np.uint8,)) > 0
+
+
+def _decode(
+    path: Path, expected: str, dtypes: tuple[type, ...], channels: int | None = None
+) -> np.ndarray:
+    data = read_bytes(path)
+    # OpenCV fills in what is missing from a damaged image, so the file is looked at first.
+    if data.startswith(PNG_SIGNATURE):
+        _check_png(path, data)
+    elif data.startswith(b"\xff\xd8"):
+        if not data.rstrip(b"\0\r\n ").endswith(b"\xff\xd9"):
+            raise ValueError(f"{path}: JPEG without its end marker: the file was cut off")
+    elif not data.startswith((b"II*\0", b"MM\0*")):
+        raise ValueError(f"{path}: neither PNG nor JPEG nor TIFF, begins with {data[:8]!r}")
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise ValueError(f"{path}: cannot be decoded: {error}") from error
+    if image is None:
+        raise ValueError(f"{path}: cannot be decoded")
+    if image.dtype not in dtypes or image.shape[2:] != (() if channels is None else (channels,)):
+        got = f"{image.shape[2] if image.ndim == 3 else 1} of {image.dtype.itemsize * 8} bits"
+        raise ValueError(f"{path}: expected {expected}, got {got}")
+    return image
+
+
+def _check_png(path: Path, data: bytes) -> None:
+    """Walk over the chunks (length, type, data, CRC) from the signature to IEND: PNG, section 5."""
+    view = memoryview(data)
+    position = len(PNG_SIGNATURE)
+    while True:
+        length = int.from_bytes(view[position : position + 4], "big")
+        kind = bytes(view[position + 4 : position + 8])
+        end = position + 8 + length
+        if end + 4 > len(data):
+            raise ValueError(f"{path}: PNG cut off or damaged at byte {position} of {len(data)}")
+        if zlib.crc32(view[position + 4 : end]) != int.from_bytes(view[end : end + 4], "big"):
+            raise ValueError(f"{path}: PNG damaged: wrong checksum at byte {position}")
+        position = end + 4
+        if kind == b"IEND":
+            return
+
+
+def read_json(path: Path) -> Any:
+    """The content of a JSON file.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is no whole JSON file, names something twice, or has NaN or Infinity.
+    """
+    data = read_bytes(path)
+    try:
+        return json.loads(
+            data, object_pairs_hook=_without_duplicates, parse_constant=_refuse_constant
+        )
+    except (ValueError, RecursionError) as error:  # not JSON, or not text
+        raise ValueError(f"{path}: damaged JSON: {error}") from error
+
+
+def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    entries = dict(pairs)
+    if len(entries) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise ValueError(f"{next(k for k in keys if keys.count(k) > 1)!r} is there twice")
+    return entries
+
+
+def _refuse_constant(text: str) -> None:
+    raise ValueError(f"{text} is no number")
+
+
+def read_number(where: str, entry: Any, key: str) -> float:
+    """The finite number under `key` of a JSON object; `where` names file and place in messages."""
+    value = _entry(where, entry, key)
+    if type(value) not in (int, float) or not abs(value) <= sys.float_info.max:
+        raise ValueError(f"{where}: {key}: expected a finite number, got {_short(value)}")
+    return float(value)
+
+
+def read_integer(where: str, entry: Any, key: str) -> int:
+    """The integer of at least 0 under `key` of a JSON object."""
+    value = _entry(where, entry, key)
+    if type(value) is not int or value < 0:
+        raise ValueError(f"{where}: {key}: expected an integer of at least 0, got {_short(value)}")
+    return value
+
+
+def read_numbers(where: str, entry: Any, key: str, count: int) -> np.ndarray:
+    """The `count` finite numbers under `key` of a JSON object, as float64."""
+    value = _entry(where, entry, key)
+    # Sets of types and NumPy, since a scene holds a million numbers.
+    if isinstance(value, list) and len(value) == count and set(map(type, value)) <= {int, float}:
+        with contextlib.suppress(OverflowError):  # an integer with hundreds of digits
+            numbers = np.array(value, np.float64)
+            if np.isfinite(numbers).all():
+                return numbers
+    raise ValueError(f"{where}: {key}: expected {count} finite numbers, got {_short(value)}")
+
+
+def _entry(where: str, entry: Any, key: str) -> Any:
+    if not isinstance(entry, dict):
+        raise ValueError(f"{where}: expected a JSON object, got {_short(entry)}")
+    if key not in entry:
+        raise ValueError(f"{where}: {key} is missing")
+    return entry[key]
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a file so that, whatever happens, the old or the whole new one is there, never a part.
+
+    Raises:
+        OSError: if it cannot be written; the old file is untouched and nothing else is left.
+    """
+    path = Path(path)
+    # In the same folder, since a rename is atomic only within one file system.
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
+    try:
+        with temporary.open("xb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise
