@@ -201,8 +201,8 @@ def _check_shapes(tensors: dict[str, Tensor], specs: dict[str, tuple[str, ...]])
             batches[name] = shape[:head]
     if len(set(batches.values())) > 1:
         try:
-            torch.broadcast_shapes(*batches.values())
-        except RuntimeError:
+            np.broadcast_shapes(*batches.values())
+        except ValueError:
             listing = ", ".join(f"{name} {batch}" for name, batch in batches.items())
             fail(" and ".join(batches), "batch dimensions that broadcast", listing)
 

@@ -6,6 +6,7 @@ the order in which matrices are written: `compose(R_ab, t_ab, R_bc, t_bc)` maps 
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 
 from posecore.arrays import Array, array_function, fail
@@ -83,7 +84,7 @@ def relative(R_1: Array, t_1: Array, R_2: Array, t_2: Array) -> tuple[Array, Arr
 @array_function(R="... 3 3", t="... 3")
 def to_matrix(R: Array, t: Array) -> Array:
     """The pose as one homogeneous matrix (..., 4, 4), last row 0 0 0 1."""
-    batch = torch.broadcast_shapes(R.shape[:-2], t.shape[:-1])
+    batch = np.broadcast_shapes(R.shape[:-2], t.shape[:-1])
     T = R.new_zeros(*batch, 4, 4)
     T[..., :3, :3] = R
     T[..., :3, 3] = t

@@ -70,7 +70,7 @@ def oriented_iou_3d(
     _require_size("size_1", size_1, positive=True)
     _require_size("size_2", size_2, positive=True)
     arguments = ((R_1, 2), (t_1, 1), (size_1, 1), (R_2, 2), (t_2, 1), (size_2, 1))
-    batch = torch.broadcast_shapes(*(x.shape[: x.ndim - core] for x, core in arguments))
+    batch = np.broadcast_shapes(*(x.shape[: x.ndim - core] for x, core in arguments))
     boxes = [
         x.detach().cpu().double().expand(*batch, *(3,) * core).reshape(-1, *(3,) * core).numpy()
         for x, core in arguments

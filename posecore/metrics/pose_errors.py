@@ -367,7 +367,7 @@ def _over_rows(
         per_row: how many points one row poses.
     """
     heads = [x.shape[: x.ndim - core] for x, core in arguments]
-    batch = torch.broadcast_shapes(*heads)
+    batch = np.broadcast_shapes(*heads)
     rows = math.prod(batch)
     step = max(1, MEMORY // per_row)
     flat = [  # what all rows share stays one row, so that nothing is copied

@@ -68,7 +68,8 @@ def report(errors: Mapping[int, ObjectErrors], image_width: float = 640) -> list
     """
     columns = {i: summarise(one, image_width) for i, one in errors.items()}
     pooled = summarise(pool(list(errors.values())), image_width)
-    keys = dict.fromkeys(key for column in columns.values() for key in column)
+    fullest_first = sorted(columns.values(), key=len, reverse=True)  # its order is the order
+    keys = dict.fromkeys(key for column in fullest_first for key in column)
     lines = []
     for section, label in keys:
         values = {i: column.get((section, label)) for i, column in columns.items()}
@@ -154,22 +155,28 @@ def _angle_lines(values: Mapping[str, np.ndarray]) -> dict[tuple[str, str], floa
     return lines
 
 
-def to_text(lines: list[Line], names: Mapping[int, str] | None = None) -> str:
+def to_text(lines: list[Line]) -> str:
     """The report as a table for a terminal; `-` where a metric could not be computed."""
     objects = list(lines[0].objects)
-    heads = [(names or {}).get(i, f"obj {i}") for i in objects]
-    heads += ["all poses", "mean of obj"] if len(objects) > 1 else []
-    width = max(10, *(len(head) + 2 for head in heads))
+    several = len(objects) > 1
+    heads = [f"obj {i}" for i in objects] + (["all", "mean"] if several else [])
+    width = max(9, 2 + max(map(len, heads)))
     label_width = 2 + max(len(line.label) for line in lines)
     text = [" " * label_width + "".join(head.rjust(width) for head in heads)]
-    section = None
+    section, partial = None, False
     for line in lines:
         if line.section != section:
             section = line.section
             text += ["", section]
-        cells = [line.objects[i] for i in objects]
-        cells += [line.pooled, line.mean] if len(objects) > 1 else []
+        cells = list(line.objects.values()) + ([line.pooled, line.mean] if several else [])
         digits = DIGITS.get(section, 1)
         shown = ["-" if cell is None else f"{cell:.{digits}f}" for cell in cells]
+        if several and None in line.objects.values():
+            partial = True
+            shown[-2:] = [cell if cell == "-" else cell + "*" for cell in shown[-2:]]
         text.append(("  " + line.label).ljust(label_width) + "".join(s.rjust(width) for s in shown))
+    if several:
+        text += ["", "all: every pose has the same weight; mean: every object has."]
+    if partial:
+        text.append("*: of those objects only that have a value in the line.")
     return "\n".join(text)

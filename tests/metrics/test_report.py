@@ -75,6 +75,9 @@ def test_text_is_aligned_and_shows_what_is_missing():
     text = to_text(lines)
     rows = [row for row in text.splitlines() if row.startswith("  ")]
     assert len({len(row) for row in rows}) == 1
-    assert rows[0].split() == ["obj", "5", "obj", "12", "all", "poses", "mean", "of", "obj"]
+    assert rows[0].split() == ["obj", "5", "obj", "12", "all", "mean"]
     mssd = next(row for row in rows if "MSSD, mm" in row)
-    assert mssd.split()[-4:] == ["-", "2.000", "2.000", "2.000"]
+    assert mssd.split()[-4:] == ["-", "2.000", "2.000*", "2.000*"]
+    assert "*:" in text
+    translation = next(row for row in rows if "translation, mm" in row)
+    assert translation.split()[-4:] == ["10.000", "1.000", "5.500", "5.500"]
