@@ -2,14 +2,10 @@
 
 from posecore.metrics.boxes import box_corners, nocs_legacy_iou, oriented_iou_3d
 from posecore.metrics.detection import average_precision, match_by_overlap
+from posecore.metrics.model_errors import add, add_s, mspd, mssd, projection_2d
 from posecore.metrics.pose_errors import (
-    add,
-    add_s,
     axis_error,
     closest_symmetry,
-    mspd,
-    mssd,
-    projection_2d,
     rotation_error,
     translation_error,
 )

@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 
 from posecore import poses, rotations
 from posecore.arrays import fail
-from posecore.metrics import boxes, detection, pose_errors, summaries
+from posecore.metrics import boxes, detection, model_errors, pose_errors, summaries
 from posecore.metrics.pose_table import PoseTable
 
 __all__ = [
@@ -162,13 +162,13 @@ def _measure(
     if proper:
         values |= _angle_errors(est.R, gt.R, symmetries)
     if model is not None:
-        values["add"] = pose_errors.add(*pair, model.points)
-        values["add_s"] = pose_errors.add_s(*pair, model.points)
+        values["add"] = model_errors.add(*pair, model.points)
+        values["add_s"] = model_errors.add_s(*pair, model.points)
         values["add_or_s"] = values["add" if symmetries is None else "add_s"]
-        values["mssd"] = pose_errors.mssd(*pair, model.points, symmetries)
+        values["mssd"] = model_errors.mssd(*pair, model.points, symmetries)
     if model is not None and K is not None:
-        values["projection"] = pose_errors.projection_2d(K[found], *pair, model.points)
-        values["mspd"] = pose_errors.mspd(K[found], *pair, model.points, symmetries)
+        values["projection"] = model_errors.projection_2d(K[found], *pair, model.points)
+        values["mspd"] = model_errors.mspd(K[found], *pair, model.points, symmetries)
     values = {name: _fill(found, error, np.inf) for name, error in values.items()}
     if model is not None:
         values["diameter"] = np.full(len(truth), model.diameter)

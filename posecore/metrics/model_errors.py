@@ -1,0 +1,294 @@
+"""How far an estimated pose is from the true one, measured on the points of the object's model.
+
+Every function takes the estimate `(R_est, t_est)`, the ground truth `(R_gt, t_gt)` and model points
+in the object's frame. Leading batch dimensions broadcast. Any matrix is accepted as R, because
+published ground truth is not always exactly a rotation.
+
+A symmetric object looks the same after a transform S of its own frame. Its symmetries come as
+homogeneous matrices (S, 4, 4) that include the identity; the error is then that of the best one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+from torch import Tensor
+
+from posecore import cameras, poses
+from posecore.arrays import Array, array_function, fail, require_choice
+from posecore.rotations import rotation_defect
+
+__all__ = ["add", "add_s", "mspd", "mssd", "projection_2d"]
+
+POSES = {"R_est": "... 3 3", "t_est": "... 3", "R_gt": "... 3 3", "t_gt": "... 3"}
+MEMORY = 4_000_000  # points posed at once: bounds the memory of large batches to some 100 MB
+
+
+@array_function(**POSES, points="... N 3")
+def add(R_est: Array, t_est: Array, R_gt: Array, t_gt: Array, points: Array) -> Array:
+    """ADD: the mean distance between model points in the estimated and in the true pose.
+
+    Hinterstoisser et al., Model Based Training, Detection and Pose Estimation of Texture-Less 3D
+    Objects in Heavily Cluttered Scenes, ACCV 2012 (average distance of model points).
+
+    Args:
+        R_est, t_est, R_gt, t_gt: (..., 3, 3) and (..., 3) poses, metres.
+        points: (..., N, 3) model points, metres.
+
+    Returns:
+        (...) metres.
+    """
+    # Both poses move the same point, so their difference is itself one affine map of the point.
+    return _over_rows(
+        lambda R, t, x: poses.apply(R, t, x).norm(dim=-1).mean(-1),
+        (R_est - R_gt, 2),
+        (t_est - t_gt, 1),
+        (points, 2),
+        per_row=points.shape[-2],
+    )
+
+
+@array_function(**POSES, points="... N 3")
+def add_s(
+    R_est: Array,
+    t_est: Array,
+    R_gt: Array,
+    t_gt: Array,
+    points: Array,
+    direction: str = "gt_to_est",
+) -> Array:
+    """ADD-S: like ADD, but every point is compared with the nearest one, whichever that is.
+
+    Same source as `add`. Print differs from code: the evaluation that the benchmarks use
+    measures from every ground-truth point to the nearest estimated one; CIPE (Eq 12) writes the
+    other way. The two differ where the model's points are unevenly spread.
+
+    Args:
+        R_est, t_est, R_gt, t_gt: (..., 3, 3) and (..., 3) poses, metres.
+        points: (..., N, 3) model points, metres.
+        direction: "gt_to_est" (default) or "est_to_gt".
+
+    Returns:
+        (...) metres.
+
+    Raises:
+        ValueError: if `direction` is neither of the two.
+    """
+    require_choice("direction", direction, ("gt_to_est", "est_to_gt"))
+    from_R, from_t, to_R, to_t = R_gt, t_gt, R_est, t_est
+    if direction == "est_to_gt":
+        from_R, from_t, to_R, to_t = to_R, to_t, from_R, from_t
+    if points.ndim > 2 or bool((rotation_defect(to_R) > 1e-5).any()):
+        return _over_rows(
+            _mean_nearest_distance,
+            (from_R, 2),
+            (from_t, 1),
+            (to_R, 2),
+            (to_t, 1),
+            (points, 2),
+            per_row=MEMORY,  # one row at a time: every row has a cloud of its own
+        )
+    # A rigid motion keeps distances: seen from the frame of the second pose, all rows search in
+    # one and the same cloud, the model. Its points are taken in the order of the tree's leaves,
+    # so that one search begins where the last one ended.
+    R, t = to_R.mT @ from_R, (to_R.mT @ (from_t - to_t)[..., None])[..., 0]
+    tree = _tree(points)
+    ordered = points[torch.from_numpy(tree.indices).to(points.device)]
+    return _over_rows(
+        lambda R, t: _nearest_distance(poses.apply(R, t, ordered), points, tree).mean(-1),
+        (R, 2),
+        (t, 1),
+        per_row=points.shape[-2],
+    )
+
+
+def _mean_nearest_distance(
+    from_R: Tensor, from_t: Tensor, to_R: Tensor, to_t: Tensor, points: Tensor
+) -> Tensor:
+    """One row of `add_s`, as it is defined."""
+    there = poses.apply(to_R, to_t, points)[0]
+    return _nearest_distance(poses.apply(from_R, from_t, points), there, _tree(there)).mean(-1)
+
+
+def _tree(cloud: Tensor) -> cKDTree:
+    return cKDTree(cloud.detach().cpu().numpy(), leafsize=32)
+
+
+def _nearest_distance(queries: Tensor, cloud: Tensor, tree: cKDTree) -> Tensor:
+    """From each of `queries` (B, M, 3) to the nearest point of `cloud` (N, 3): (B, M)."""
+    _, index = tree.query(queries.detach().cpu().numpy(), workers=-1)
+    # Measured again, so that gradients flow and the precision is that of the input.
+    return (queries - cloud[torch.from_numpy(index).to(cloud.device)]).norm(dim=-1)
+
+
+@array_function(**POSES, points="N 3", symmetries="S 4 4")
+def mssd(
+    R_est: Array,
+    t_est: Array,
+    R_gt: Array,
+    t_gt: Array,
+    points: Array,
+    symmetries: Array | None = None,
+) -> Array:
+    """MSSD: the largest distance between corresponding model points, at the best symmetry.
+
+    Hodan et al., BOP Challenge 2020 on 6D Object Localization, ECCVW 2020, Eq 2 (maximum
+    symmetry-aware surface distance).
+
+    Args:
+        R_est, t_est, R_gt, t_gt: (..., 3, 3) and (..., 3) poses, metres.
+        points: (N, 3) model points, metres.
+        symmetries: (S, 4, 4), metres, or None for an object without symmetries.
+
+    Returns:
+        (...) metres.
+    """
+    # The distance is a convex function of the point, so its maximum lies on the convex hull.
+    corners = points[_hull_vertices(points)]
+    best = None
+    for S_R, S_t in _split(symmetries, points):
+        R, t = poses.compose(R_gt, t_gt, S_R, S_t)
+        worst = _over_rows(
+            lambda R, t: poses.apply(R, t, corners).norm(dim=-1).amax(-1),
+            (R_est - R, 2),
+            (t_est - t, 1),
+            per_row=len(corners),
+        )
+        best = worst if best is None else torch.minimum(best, worst)
+    return best
+
+
+@array_function(K="... 3 3", **POSES, points="N 3", symmetries="S 4 4")
+def mspd(
+    K: Array,
+    R_est: Array,
+    t_est: Array,
+    R_gt: Array,
+    t_gt: Array,
+    points: Array,
+    symmetries: Array | None = None,
+) -> Array:
+    """MSPD: the largest pixel distance between projected model points, at the best symmetry.
+
+    Same source as `mssd`, Eq 3 (maximum symmetry-aware projection distance).
+
+    Args:
+        K: (..., 3, 3) intrinsics.
+        R_est, t_est, R_gt, t_gt: (..., 3, 3) and (..., 3) poses, metres.
+        points: (N, 3) model points, metres.
+        symmetries: (S, 4, 4), metres, or None for an object without symmetries.
+
+    Returns:
+        (...) pixels; infinite where the estimate puts a point behind the camera.
+
+    Raises:
+        ValueError: if the ground truth puts a point behind the camera.
+    """
+    best = None
+    for S_R, S_t in _split(symmetries, points):
+        R, t = poses.compose(R_gt, t_gt, S_R, S_t)
+        worst = _pixel_distance(K, R_est, t_est, R, t, points, lambda d: d.amax(-1))
+        best = worst if best is None else torch.minimum(best, worst)
+    return best
+
+
+@array_function(K="... 3 3", **POSES, points="... N 3")
+def projection_2d(
+    K: Array, R_est: Array, t_est: Array, R_gt: Array, t_gt: Array, points: Array
+) -> Array:
+    """The mean pixel distance between model points projected by both poses.
+
+    Brachmann et al., Uncertainty-Driven 6D Pose Estimation of Objects and Scenes from a Single RGB
+    Image, CVPR 2016; a pose is commonly called correct under 5 px.
+
+    Args:
+        K: (..., 3, 3) intrinsics.
+        R_est, t_est, R_gt, t_gt: (..., 3, 3) and (..., 3) poses, metres.
+        points: (..., N, 3) model points, metres.
+
+    Returns:
+        (...) pixels; infinite where the estimate puts a point behind the camera.
+
+    Raises:
+        ValueError: if the ground truth puts a point behind the camera.
+    """
+    return _pixel_distance(K, R_est, t_est, R_gt, t_gt, points, lambda d: d.mean(-1))
+
+
+def _pixel_distance(
+    K: Tensor,
+    R_est: Tensor,
+    t_est: Tensor,
+    R_gt: Tensor,
+    t_gt: Tensor,
+    points: Tensor,
+    reduce: Callable[[Tensor], Tensor],
+) -> Tensor:
+    def distance(
+        K: Tensor, R_est: Tensor, t_est: Tensor, R_gt: Tensor, t_gt: Tensor, points: Tensor
+    ) -> Tensor:
+        there = poses.apply(R_gt, t_gt, points)
+        behind = there[..., 2] <= 0
+        if bool(behind.any()):
+            fail(
+                "t_gt",
+                "a ground truth in front of the camera",
+                f"{int(behind.sum())} points behind",
+            )
+        pixels = cameras.project(K, poses.apply(R_est, t_est, points), behind="inf")
+        return reduce((pixels - cameras.project(K, there)).norm(dim=-1))
+
+    return _over_rows(
+        distance,
+        (K, 2),
+        (R_est, 2),
+        (t_est, 1),
+        (R_gt, 2),
+        (t_gt, 1),
+        (points, 2),
+        per_row=points.shape[-2],
+    )
+
+
+def _split(symmetries: Tensor | None, like: Tensor) -> list[tuple[Tensor, Tensor]]:
+    if symmetries is None:
+        symmetries = torch.eye(4, dtype=like.dtype, device=like.device)[None]
+    return [poses.from_matrix(S) for S in symmetries]
+
+
+def _hull_vertices(points: Tensor) -> np.ndarray | slice:
+    try:
+        return ConvexHull(points.detach().cpu().numpy().astype(np.float64)).vertices
+    except (QhullError, ValueError):  # too few points, or flat: every point may be extreme
+        return slice(None)
+
+
+def _over_rows(
+    function: Callable[..., Tensor], *arguments: tuple[Tensor, int], per_row: int
+) -> Tensor:
+    """Call `function` on the arguments, their batch flattened, in pieces that fit the memory.
+
+    Args:
+        function: takes the arguments with one batch dimension and returns one value a row.
+        arguments: pairs of a tensor and the number of its last dimensions that are not batch.
+        per_row: how many points one row poses.
+    """
+    heads = [x.shape[: x.ndim - core] for x, core in arguments]
+    batch = np.broadcast_shapes(*heads)
+    rows = math.prod(batch)
+    step = max(1, MEMORY // per_row)
+    flat = [  # what all rows share stays one row, so that nothing is copied
+        x.reshape(1, *x.shape[len(head) :])
+        if math.prod(head) == 1
+        else x.expand(*batch, *x.shape[len(head) :]).reshape(rows, *x.shape[len(head) :])
+        for (x, _), head in zip(arguments, heads, strict=True)
+    ]
+    pieces = [
+        function(*(x if len(x) == 1 else x[start : start + step] for x in flat))
+        for start in range(0, max(rows, 1), step)
+    ]
+    return torch.cat(pieces).reshape(batch)
