@@ -1,0 +1,137 @@
+"""The group of rotations: distance, mean, uniform samples, and its skew-symmetric matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from posecore.arrays import Array, array_function, fail, require_integer
+from posecore.rotations.conversions import quaternion_to_matrix
+from posecore.rotations.procrustes import special_procrustes
+from posecore.rotations.validity import require_rotation
+
+__all__ = ["geodesic_distance", "hat", "mean_rotation", "random_rotations", "vee"]
+
+
+@array_function(v="... 3")
+def hat(v: Array) -> Array:
+    """The skew-symmetric matrix of the cross product: `hat(v) @ x = v × x`.
+
+    Args:
+        v: (..., 3) any vector.
+
+    Returns:
+        (..., 3, 3), with `hat(v).mT = -hat(v)`.
+    """
+    x, y, z = v.unbind(-1)
+    zero = torch.zeros_like(x)
+    return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).unflatten(-1, (3, 3))
+
+
+@array_function(S="... 3 3")
+def vee(S: Array) -> Array:
+    """The vector of a skew-symmetric matrix: `vee(hat(v)) = v`.
+
+    Args:
+        S: (..., 3, 3) any matrix; what is symmetric in it is left out.
+
+    Returns:
+        (..., 3) the vector of `(S - S^T) / 2`.
+    """
+    difference = [S[..., i, j] - S[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))]
+    return torch.stack(difference, -1) / 2
+
+
+@array_function(R_1="... 3 3", R_2="... 3 3")
+def geodesic_distance(R_1: Array, R_2: Array) -> Array:
+    """The angle of the rotation between two rotations, `R_1^T R_2`.
+
+    For an angle a about a unit axis, `vee(R)` is sin(a) times the axis and the trace 1 + 2 cos(a).
+    Both together give the angle to rounding everywhere. The arc cosine of the trace alone does not
+    near 0 and pi, where its derivative is infinite. Here the gradient is zero at 0 and pi.
+
+    Args:
+        R_1, R_2: (..., 3, 3) rotations.
+
+    Returns:
+        (...) radians, from 0 to pi.
+
+    Raises:
+        ValueError: if one is not a rotation to 1e-3; its angle would depend on the formula.
+    """
+    require_rotation("R_1", R_1)
+    require_rotation("R_2", R_2)
+    R = R_1.mT @ R_2
+    sine = torch.linalg.vector_norm(vee(R), dim=-1)
+    cosine = (R.diagonal(dim1=-2, dim2=-1).sum(-1) - 1) / 2
+    return torch.atan2(sine, cosine)
+
+
+@array_function(R="... N 3 3", weights="... N")
+def mean_rotation(R: Array, weights: Array | None = None) -> Array:
+    """The rotation with the least weighted sum of squared Frobenius distances to N rotations.
+
+    It is the rotation nearest to their arithmetic mean (the chordal mean).
+
+    Args:
+        R: (..., N, 3, 3) rotations.
+        weights: (..., N) at least 0, of any sum above 0; equal if not given.
+
+    Returns:
+        (..., 3, 3) rotation.
+
+    Raises:
+        ValueError: if `R` has matrices that are not rotations to 1e-3, if a weight is negative or
+            all are zero, or if the mean is not unique to rounding, as of two rotations half a turn
+            apart.
+
+    Source:
+        Hartley, Trumpf, Dai, Li 2013, "Rotation Averaging".
+    """
+    require_rotation("R", R)
+    if weights is None:
+        M = R.mean(-3)
+    else:
+        largest = weights.amax(-1, keepdim=True)
+        if bool((weights < 0).any()) or bool((largest == 0).any()):
+            fail("weights", "at least 0 and not all 0", f"the smallest {weights.min().item():g}")
+        weights = weights / largest
+        M = (weights[..., None, None] * R).sum(-3) / weights.sum(-1)[..., None, None]
+    mean = special_procrustes(M)
+    # The best and the second-best rotation differ in tr(R^T M) by twice the last two singular
+    # values, with the sign of the determinant: see procrustes.
+    s = torch.linalg.svdvals(M.detach())
+    gap = s[..., 1] + s[..., 2] * torch.linalg.det(M.detach()).sign()
+    several = gap < 64 * torch.finfo(s.dtype).eps
+    if bool(several.any()):
+        fail("R", "rotations with one mean", f"{int(several.sum())} means of several rotations")
+    return mean
+
+
+def random_rotations(
+    *batch: int,
+    generator: torch.Generator | np.random.Generator | int,
+    dtype: torch.dtype | None = None,
+) -> Array:
+    """Rotations drawn uniformly: any fixed rotation applied to them leaves their distribution.
+
+    The direction of four normal numbers is a uniform unit quaternion.
+
+    Args:
+        batch: the sizes of the batch; none gives a single matrix.
+        generator: a torch generator or a seed gives a tensor, on the generator's device; a NumPy
+            generator gives an array.
+        dtype: of the result; else PyTorch's default for a tensor, float64 for an array.
+
+    Returns:
+        (*batch, 3, 3).
+    """
+    sizes = [require_integer("batch", size, 0) for size in batch]
+    if isinstance(generator, np.random.Generator):
+        q = torch.from_numpy(np.asarray(generator.standard_normal((*sizes, 4))))
+        return quaternion_to_matrix(q.to(dtype)).numpy()
+    if not isinstance(generator, torch.Generator):
+        seed = require_integer("generator", generator, 0)
+        generator = torch.Generator().manual_seed(seed)
+    q = torch.randn(*sizes, 4, generator=generator, dtype=dtype, device=generator.device)
+    return quaternion_to_matrix(q)
