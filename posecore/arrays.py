@@ -78,6 +78,8 @@ def require_number(
     if above is not None:
         expected = f"a finite number above {above}" + _bounds(None, high)
     try:
+        if isinstance(value, str | bytes | bool | np.bool_):
+            raise TypeError
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         fail(name, expected, repr(value))
@@ -106,7 +108,7 @@ def array_function(**shapes: str) -> Callable[[F], F]:
         shapes: for each array argument its shape, dimensions separated by blanks: a number is that
             size; a name is any size of at least one, the same wherever the name appears; a leading
             `...` stands for any number of batch dimensions, which must broadcast over the arguments
-            that have them. `None` is passed through, so optional arguments need no special care.
+            that have them. An argument whose default is `None` may be `None`.
 
     Raises (when the decorated function is called):
         ValueError: if an array is not numeric, does not have its shape, or is not finite.
@@ -118,17 +120,22 @@ def array_function(**shapes: str) -> Callable[[F], F]:
         unknown = set(specs) - set(signature.parameters)
         if unknown:
             raise TypeError(f"{function.__name__} has no argument {sorted(unknown)}")
+        optional = {n for n in specs if signature.parameters[n].default is None}
 
         @functools.wraps(function)
         def wrapper(*args: Any, **kwargs: Any) -> Any:
             bound = signature.bind(*args, **kwargs)
-            given = {n: bound.arguments[n] for n in specs if bound.arguments.get(n) is not None}
+            given = {n: bound.arguments[n] for n in specs if n in bound.arguments}
+            given = {n: v for n, v in given.items() if v is not None or n not in optional}
             tensors = _to_tensors(given)
             _check_shapes(tensors, specs)
             for name, tensor in tensors.items():
                 _check_finite(name, tensor)
             bound.arguments.update(tensors)
-            result = function(*bound.args, **bound.kwargs)
+            device = next((tensor.device.type for tensor in tensors.values()), "cpu")
+            # The matrix products of autocast have three digits: geometry needs all of them.
+            with torch.autocast(device, enabled=False):
+                result = function(*bound.args, **bound.kwargs)
             came_as_tensor = any(isinstance(value, Tensor) for value in given.values())
             return result if came_as_tensor else _to_numpy(result)
 
@@ -153,13 +160,15 @@ def _to_tensor(name: str, value: Any, device: torch.device | None) -> Tensor:
         if value.is_complex():
             fail(name, "real numbers", value.dtype)
         return value if value.is_floating_point() else value.to(torch.get_default_dtype())
+    if isinstance(value, list | tuple) and any(isinstance(item, Tensor) for item in value):
+        fail(name, "an array or a tensor", "a list of tensors, which torch.stack makes one of")
     try:
         array = np.asarray(value)
     except ValueError:  # a ragged list
         fail(name, "an array of numbers", "rows of different lengths")
     if array.dtype.kind not in "fiub":
         fail(name, "an array of numbers", f"dtype {array.dtype}")
-    if array.dtype not in (np.float16, np.float32, np.float64):
+    if array.dtype.kind != "f" or array.dtype.itemsize not in (2, 4, 8):
         array = array.astype(np.float64)
     # PyTorch cannot share memory that is read-only, reversed, or in the other byte order.
     if not array.flags.writeable or not array.dtype.isnative or min(array.strides, default=0) < 0:
@@ -208,8 +217,10 @@ def _check_shapes(tensors: dict[str, Tensor], specs: dict[str, tuple[str, ...]])
 
 
 def _check_finite(name: str, tensor: Tensor) -> None:
-    # Under torch.compile there are no values to look at.
-    if torch.compiler.is_compiling() or bool(torch.isfinite(tensor).all()):
+    if torch.compiler.is_compiling():  # there are no values to look at
+        return
+    # The sum is fast and settles almost all cases; it may overflow where no entry does.
+    if bool(torch.isfinite(tensor.detach().sum())) or bool(torch.isfinite(tensor).all()):
         return
     bad = ~torch.isfinite(tensor)
     first = tuple(bad.nonzero()[0].tolist())

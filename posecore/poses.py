@@ -7,7 +7,6 @@ the order in which matrices are written: `compose(R_ab, t_ab, R_bc, t_bc)` maps 
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from posecore.arrays import Array, array_function, fail
 from posecore.rotations import require_rotation
@@ -60,7 +59,7 @@ def invert(R: Array, t: Array) -> tuple[Array, Array]:
         ValueError: if `R` is not a rotation to 1e-3; the transpose is no inverse then.
     """
     require_rotation("R", R)
-    return R.mT, -(R.mT @ t[..., None])[..., 0]
+    return R.mT.clone(), -(R.mT @ t[..., None])[..., 0]
 
 
 @array_function(R_1="... 3 3", t_1="... 3", R_2="... 3 3", t_2="... 3")
@@ -103,4 +102,4 @@ def from_matrix(T: Array) -> tuple[Array, Array]:
     if not bool((T[..., 3, :] == last).all()):
         wrong = (T[..., 3, :] != last).any(-1)
         fail("T", "a last row 0 0 0 1", T[..., 3, :][wrong][0].tolist())
-    return T[..., :3, :3], T[..., :3, 3]
+    return T[..., :3, :3].clone(), T[..., :3, 3].clone()
