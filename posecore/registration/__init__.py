@@ -1,0 +1,7 @@
+"""Floor 2: registration, poses from matched points, unmatched points and pixels."""
+
+from posecore.registration.alignment import Alignment, umeyama
+from posecore.registration.icp import IcpResult, icp, refine_on_depth
+from posecore.registration.pnp import PnpResult, pnp
+
+__all__ = ["Alignment", "IcpResult", "PnpResult", "icp", "pnp", "refine_on_depth", "umeyama"]
