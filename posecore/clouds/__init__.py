@@ -1,0 +1,22 @@
+"""Point clouds: sampling, neighbours, interpolation, normals and the distance of two clouds."""
+
+from posecore.clouds.interpolation import (
+    interpolate,
+    interpolation_weights,
+    three_nearest_interpolation,
+)
+from posecore.clouds.neighbours import ball_query, nearest_neighbours
+from posecore.clouds.sampling import farthest_point_sampling, gather_points
+from posecore.clouds.surfaces import chamfer_distance, estimate_normals
+
+__all__ = [
+    "ball_query",
+    "chamfer_distance",
+    "estimate_normals",
+    "farthest_point_sampling",
+    "gather_points",
+    "interpolate",
+    "interpolation_weights",
+    "nearest_neighbours",
+    "three_nearest_interpolation",
+]
