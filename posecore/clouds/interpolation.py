@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 
 from posecore.arrays import Array, array_function, fail
@@ -52,7 +53,7 @@ def interpolate(features: Array, indices: Array, weights: Array) -> Array:
     indices = to_indices(indices, features.device)
     if indices.shape != weights.shape:
         fail("indices", f"shape {tuple(weights.shape)} as weights", f"shape {tuple(indices.shape)}")
-    *batch, m, k = torch.broadcast_shapes((*features.shape[:-2], 1, 1), weights.shape)
+    *batch, m, k = np.broadcast_shapes((*features.shape[:-2], 1, 1), weights.shape)
     rows, positions = table(features.expand(*batch, -1, -1), indices.expand(*batch, m, k))
     # Sums over rows of a table: no copy of every row for every query.
     sums = torch.nn.functional.embedding_bag(

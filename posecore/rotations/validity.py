@@ -83,7 +83,7 @@ def _to_matrices(name: str, R: Array) -> Tensor:
 
 
 def _defect(R: Tensor) -> Tensor:
-    return (R @ R.mT - torch.eye(3).to(R)).abs().amax((-2, -1))
+    return (R @ R.mT - torch.eye(3).to(R)).abs().flatten(-2).amax(-1)
 
 
 def _determinant(R: Tensor) -> Tensor:
