@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from posecore.arrays import Array, array_function, fail
+from posecore.arrays import Array, array_function, fail, require_number
 from posecore.clouds.neighbours import nearest_neighbours
 from posecore.clouds.sampling import table, to_indices
 
@@ -13,25 +13,31 @@ __all__ = ["interpolate", "interpolation_weights", "three_nearest_interpolation"
 
 
 @array_function(points="... N 3", queries="... M 3")
-def interpolation_weights(points: Array, queries: Array) -> tuple[Array, Array]:
+def interpolation_weights(points: Array, queries: Array, power: float = 2.0) -> tuple[Array, Array]:
     """The three nearest points of every query and the share of each, from the geometry alone.
 
-    The weights are `1 / d^2`, scaled to sum 1 (Qi et al., PointNet++, NeurIPS 2017, Eq. 2). They
+    The weights are `1 / d^power`, scaled to sum 1 (Qi et al., PointNet++, NeurIPS 2017, Eq. 2, with
+    power 2; the backbone of VoteNet, Qi et al., ICCV 2019, has power 1 in its published code). They
     are computed from ratios to the nearest distance, so no small constant keeps them finite: a
     query that coincides with a point has weight 1 there (copies of the point share it equally).
 
     Args:
         points: (..., N, 3) points that carry features. With fewer than three, all are used.
         queries: (..., M, 3) points that want them.
+        power: how fast the share falls with the distance, above 0.
 
     Returns:
         int64 indices (..., M, 3) into the N points, and weights (..., M, 3), nearest first. The
         last dimension is N where N is smaller than 3.
+
+    Raises:
+        ValueError: if `power` is not above 0.
     """
+    power = require_number("power", power, above=0)
     distances, indices = nearest_neighbours(points, queries, min(3, points.shape[-2]))
     coincident = distances == 0
     ratio = distances[..., :1] / distances.masked_fill(coincident, 1)
-    closeness = ratio.square().masked_fill(coincident, 1)
+    closeness = ratio.pow(power).masked_fill(coincident, 1)
     return indices, closeness / closeness.sum(-1, keepdim=True)
 
 
@@ -66,7 +72,9 @@ def interpolate(features: Array, indices: Array, weights: Array) -> Array:
 
 
 @array_function(points="... N 3", features="... N C", queries="... M 3")
-def three_nearest_interpolation(points: Array, features: Array, queries: Array) -> Array:
+def three_nearest_interpolation(
+    points: Array, features: Array, queries: Array, power: float = 2.0
+) -> Array:
     """Features at new places, interpolated between the three nearest points that carry them.
 
     For many passes over one geometry compute `interpolation_weights` once and call `interpolate`.
@@ -75,8 +83,9 @@ def three_nearest_interpolation(points: Array, features: Array, queries: Array) 
         points: (..., N, 3) where the features are.
         features: (..., N, C).
         queries: (..., M, 3) where they are wanted.
+        power: as in `interpolation_weights`.
 
     Returns:
         (..., M, C), exactly the feature of a point at that point; differentiable.
     """
-    return interpolate(features, *interpolation_weights(points, queries))
+    return interpolate(features, *interpolation_weights(points, queries, power))

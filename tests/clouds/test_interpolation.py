@@ -12,12 +12,12 @@ from posecore import clouds
 seeds = st.integers(0, 2**32 - 1)
 
 
-@given(seeds, st.integers(1, 12))
-def test_interpolation_agrees_with_scikit_learn(seed, n):
+@given(seeds, st.integers(1, 12), st.sampled_from([2.0, 1.0, 0.5]))
+def test_interpolation_agrees_with_scikit_learn(seed, n, power):
     rng = np.random.default_rng(seed)
     points, features, queries = (rng.normal(size=(size, 3)) for size in (n, n, 6))
-    regressor = KNeighborsRegressor(min(3, n), weights=lambda d: 1 / d**2).fit(points, features)
-    result = clouds.three_nearest_interpolation(points, features, queries)
+    regressor = KNeighborsRegressor(min(3, n), weights=lambda d: d**-power).fit(points, features)
+    result = clouds.three_nearest_interpolation(points, features, queries, power)
     np.testing.assert_allclose(result, regressor.predict(queries), rtol=1e-10, atol=1e-12)
 
 
@@ -113,6 +113,7 @@ BAD_CALLS = [
     (lambda: clouds.interpolation_weights(POINTS[:0], POINTS), "points"),
     (lambda: clouds.interpolation_weights(POINTS, POINTS[:, :2]), "queries"),
     (lambda: clouds.interpolation_weights(POINTS, POINTS + np.nan), "queries"),
+    (lambda: clouds.interpolation_weights(POINTS, POINTS, power=0), "power"),
     (lambda: clouds.interpolate(POINTS, [[0, 1], [2, 3]], WEIGHTS), "indices"),
     (lambda: clouds.interpolate(POINTS, [[0, 1, 2], [2, 3, 5]], WEIGHTS), "indices"),
     (lambda: clouds.interpolate(POINTS, [[0, 1, 2], [2, 3, -1]], WEIGHTS), "indices"),
