@@ -5,7 +5,8 @@ nested lists or tensors:
 
 - tensors in, tensors out (same device, gradients flow);
 - arrays or lists in, arrays out (a result without dimensions comes back as a NumPy scalar);
-- arguments of different precision are promoted to the widest; integers become floats.
+- arguments of different precision are promoted to the widest; integers become floats; Python's own
+  numbers and lists take the precision of the arrays beside them.
 
 A function states the shapes it expects, `@array_function(R="... 3 3", points="... N 3")`, and may
 then rely on them: wrong shapes, empty clouds and values that are not finite have been refused with
@@ -148,11 +149,10 @@ def _to_tensors(given: dict[str, Any]) -> dict[str, Tensor]:
     """Tensors of one floating type and on one device; tensors keep their graph."""
     device = next((v.device for v in given.values() if isinstance(v, Tensor)), None)
     tensors = {name: _to_tensor(name, value, device) for name, value in given.items()}
-    dtypes = {tensor.dtype for tensor in tensors.values()}
-    if len(dtypes) > 1:
-        widest = functools.reduce(torch.promote_types, dtypes)
-        tensors = {name: tensor.to(widest) for name, tensor in tensors.items()}
-    return tensors
+    typed = [n for n, value in given.items() if isinstance(value, Tensor | np.ndarray | np.generic)]
+    dtypes = {tensors[name].dtype for name in typed or tensors}
+    widest = functools.reduce(torch.promote_types, dtypes) if dtypes else None
+    return {name: tensor.to(widest) for name, tensor in tensors.items()}
 
 
 def _to_tensor(name: str, value: Any, device: torch.device | None) -> Tensor:

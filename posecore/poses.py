@@ -1,4 +1,4 @@
-"""Rigid transforms: a pose is a pair `(R, t)` that takes a point of the object to the camera.
+"""Rigid and similarity transforms: a pose `(R, t)` takes a point of the object to the camera.
 
 `X_cam = R @ X_obj + t`, with `R` (..., 3, 3) and `t` (..., 3) in metres. Two poses are combined in
 the order in which matrices are written: `compose(R_ab, t_ab, R_bc, t_bc)` maps from c to a.
@@ -14,9 +14,9 @@ from posecore.rotations import require_rotation
 __all__ = ["apply", "compose", "from_matrix", "invert", "relative", "to_matrix"]
 
 
-@array_function(R="... 3 3", t="... 3", points="... N 3")
-def apply(R: Array, t: Array, points: Array) -> Array:
-    """Move points by a pose: `R @ x + t` for every point x.
+@array_function(R="... 3 3", t="... 3", points="... N 3", scale="...")
+def apply(R: Array, t: Array, points: Array, scale: Array | float | None = None) -> Array:
+    """Move points by a pose, `R @ x + t`, or by a similarity, `scale * R @ x + t`.
 
     `R` may be any matrix: published ground truth is not always exactly a rotation.
 
@@ -24,11 +24,15 @@ def apply(R: Array, t: Array, points: Array) -> Array:
         R: (..., 3, 3) rotation from object to camera.
         t: (..., 3) translation, in the unit of `points`.
         points: (..., N, 3) points in the object's frame.
+        scale: (...) factor of a similarity transform, as `registration.umeyama` gives it.
 
     Returns:
         (..., N, 3) points in the camera's frame.
     """
-    return points @ R.mT + t[..., None, :]
+    moved = points @ R.mT
+    if scale is not None:
+        moved = scale[..., None, None] * moved
+    return moved + t[..., None, :]
 
 
 @array_function(R_ab="... 3 3", t_ab="... 3", R_bc="... 3 3", t_bc="... 3")

@@ -119,6 +119,15 @@ def test_precision_is_promoted_to_the_widest() -> None:
     assert f(torch.ones(2, 3, dtype=torch.bfloat16), torch.ones(2)).dtype == torch.float32
 
 
+def test_lists_and_numbers_take_the_precision_beside_them() -> None:
+    single = np.ones((2, 3), np.float32)
+    assert f(single, [1.0, 2.0]).dtype == np.float32
+    assert f(torch.ones(2, 3), [1, 2]).dtype == torch.float32
+    assert f([[1, 2, 3]], np.ones(1, np.float32)).dtype == np.float32
+    assert f([[1, 2, 3]], [1]).dtype == np.float64
+    assert f(single, np.ones(2)).dtype == np.float64
+
+
 @pytest.mark.parametrize("dtype", [bool, np.int8, np.uint8, np.int64, np.uint64, np.longdouble])
 def test_other_numbers_become_float64(dtype: type) -> None:
     out = double(np.ones(3, dtype))

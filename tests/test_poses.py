@@ -46,6 +46,17 @@ def test_to_matrix_and_back(seed: int) -> None:
 
 
 @given(seeds)
+def test_apply_with_a_scale_is_a_similarity(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, t = rng.normal(size=(4, 3)), rng.normal(size=(5, 3))
+    R, scale = Rotation.random(5, rng=rng).as_matrix(), rng.uniform(0.1, 3, 5)
+    moved = poses.apply(R, t, points, scale)
+    expected = [[s * r @ x + v for x in points] for s, r, v in zip(scale, R, t, strict=True)]
+    assert np.abs(moved - np.array(expected)).max() < 1e-13
+    assert poses.apply(R[0].astype("f4"), t[0].astype("f4"), points.astype("f4"), 2.0).dtype == "f4"
+
+
+@given(seeds)
 def test_apply_is_the_product_with_homogeneous_points(seed: int) -> None:
     R, t = random_poses(seed, 2)
     points = np.random.default_rng(seed).normal(size=(2, 5, 3))
@@ -205,6 +216,7 @@ LAST_ROW[3, 3] = 2
 BAD = [
     (lambda: poses.apply(np.eye(4), T0, np.ones((2, 3))), "R: .*shape"),
     (lambda: poses.apply(R0, np.zeros((3, 1)), np.ones((2, 3))), "t: .*shape"),
+    (lambda: poses.apply(R0, T0, np.ones((2, 3)), np.nan), "scale: .*finite"),
     (lambda: poses.apply(R0, T0, np.ones(3)), "points: .*shape"),
     (lambda: poses.apply(R0, T0, np.ones((2, 2))), "points: .*shape"),
     (lambda: poses.apply(R0, T0, np.ones((0, 3))), "points: .*at least 1"),
