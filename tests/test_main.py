@@ -4,14 +4,17 @@ import contextlib
 import io
 import json
 import re
+import warnings
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from data_tools.bop import RotationWarning, read_results
 from posecore import rotations
 from posecore.__main__ import main
+from posecore.metrics.evaluation import match
 
 HEADER = "scene_id,im_id,obj_id,score,R,t,time\n"
 EYE = "1 0 0 0 1 0 0 0 1"
@@ -219,7 +222,7 @@ def test_the_readme_shows_what_is_printed(real_reports):
     out, err = real_reports["project"]
     readme = (Path(__file__).parents[1] / "README.md").read_text()
     example = readme.split("```\nnote: ")[1].split("```")[0]
-    lines = [line for line in example.splitlines()[2:] if line.strip() not in ("", "obj 5")]
+    lines = example.splitlines()[2:]
     assert len(lines) > 10
     section = ""
     for line in lines:
@@ -232,11 +235,20 @@ def test_the_readme_shows_what_is_printed(real_reports):
     assert noted in err
 
 
+def test_the_readme_python_runs(real_data):
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    code = readme.split("```python\n")[1].split("```")[0]
+    code = code.replace("path/to/lmo", str(real_data / "lmo"))
+    *statements, last = code.strip().splitlines()
+    names = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RotationWarning)  # LM-O's, told of above
+        exec("\n".join(statements), names)
+        assert eval(last.split("#")[0], names) == pytest.approx(float(last.split("#")[1]))
+
+
 def test_three_formulas_three_errors(real_data):
     """The trap in real ground truth: only the projected matrices have an angle between them."""
-    from data_tools.bop import read_results
-    from posecore.metrics.evaluation import match
-
     results = real_data / "bop_results"
     estimates, truth = (
         read_results(results / f"{name}_lmo-test.csv", rotations="as_read")
