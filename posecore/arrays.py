@@ -31,6 +31,7 @@ __all__ = [
     "require_choice",
     "require_integer",
     "require_number",
+    "to_numbers",
 ]
 
 Array = Tensor | np.ndarray
@@ -100,6 +101,19 @@ def _bounds(low: float | None, high: float | None) -> str:
     if low is not None:
         return f" of at least {low}"
     return f" of at most {high}" if high is not None else ""
+
+
+def to_numbers(name: str, values: object) -> np.ndarray:
+    """Numbers of any kind as a float64 array, for functions that work in NumPy; may be infinite."""
+    if isinstance(values, Tensor):
+        values = values.detach().cpu().numpy()
+    try:
+        array = np.asarray(values)
+    except ValueError:  # a ragged list
+        fail(name, "an array of numbers", "rows of different lengths")
+    if array.dtype.kind not in "fiu" and array.size:
+        fail(name, "an array of numbers", f"dtype {array.dtype}")
+    return array.astype(np.float64)
 
 
 def array_function(**shapes: str) -> Callable[[F], F]:

@@ -1,4 +1,4 @@
-"""Rigid and similarity transforms: a pose `(R, t)` takes a point of the object to the camera.
+"""Rigid transforms: a pose is a pair `(R, t)` that takes a point of the object to the camera.
 
 `X_cam = R @ X_obj + t`, with `R` (..., 3, 3) and `t` (..., 3) in metres. Two poses are combined in
 the order in which matrices are written: `compose(R_ab, t_ab, R_bc, t_bc)` maps from c to a.

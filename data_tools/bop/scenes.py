@@ -14,7 +14,7 @@ from data_tools.bop.rotations import check_rotations
 __all__ = ["Annotations", "Camera", "read_annotations", "read_by_id", "read_cameras"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Camera:
     """One image's camera: `K` (3, 3), millimetres per unit of depth, (4, 4) pose in the world."""
 
@@ -23,7 +23,7 @@ class Camera:
     T_world_cam: np.ndarray | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Annotations:
     """The objects in the images of a scene, one row for every object.
 

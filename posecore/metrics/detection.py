@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from torch import Tensor
 
-from posecore.arrays import Array, fail, require_integer, require_number
+from posecore.arrays import Array, fail, require_integer, require_number, to_numbers
 
 __all__ = ["average_precision", "match_by_overlap"]
 
@@ -15,7 +16,7 @@ def match_by_overlap(overlaps: Array, scores: Array, threshold: float) -> np.nda
     Args:
         overlaps: (D, G) overlap (3D IoU, say) of D estimates with G objects of the same class.
         scores: (D,) confidence; equal scores choose in their order.
-        threshold: the overlap that a find needs, at least.
+        threshold: the overlap that a find must exceed.
 
     Returns:
         (D,) booleans: True for an estimate that found an object which none before it had found.
@@ -32,7 +33,7 @@ def match_by_overlap(overlaps: Array, scores: Array, threshold: float) -> np.nda
     found = np.zeros(len(scores), dtype=bool)
     for estimate in np.argsort(-scores, kind="stable"):
         candidates = np.where(free, overlaps[estimate], -np.inf)
-        if candidates.size and candidates.max() >= threshold:
+        if candidates.size and candidates.max() > threshold:
             free[candidates.argmax()] = False
             found[estimate] = True
     return found
@@ -58,7 +59,7 @@ def average_precision(scores: Array, correct: Array, object_count: int) -> float
     """
     count = require_integer("object_count", object_count, 1)
     scores = _numbers("scores", scores, 1)
-    correct = np.asarray(correct)
+    correct = np.asarray(correct.cpu() if isinstance(correct, Tensor) else correct)
     if correct.shape != scores.shape or (correct.dtype != bool and correct.size):
         fail("correct", f"booleans of shape {scores.shape}", f"{correct.dtype} {correct.shape}")
     if correct.sum() > count:
@@ -75,7 +76,7 @@ def average_precision(scores: Array, correct: Array, object_count: int) -> float
 
 
 def _numbers(name: str, values: Array, dimensions: int) -> np.ndarray:
-    array = np.asarray(values, dtype=np.float64)
+    array = to_numbers(name, values)
     if array.ndim != dimensions:
         fail(name, f"{dimensions} dimensions", f"shape {array.shape}")
     if not np.isfinite(array).all():

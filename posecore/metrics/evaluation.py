@@ -6,8 +6,8 @@ A pose without an estimate counts as wrong: its errors are infinite.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -23,15 +23,15 @@ __all__ = [
     "ObjectErrors",
     "ObjectModel",
     "evaluate",
+    "in_images",
     "match",
-    "pool",
 ]
 
 HEAD_ANGLES = ("yaw", "pitch", "roll")  # intrinsic YXZ, the book's convention for single angles
 IOU_THRESHOLDS = (0.25, 0.5, 0.75)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ObjectModel:
     """What has to be known of an object to measure poses on it; all lengths in metres.
 
@@ -49,32 +49,48 @@ class ObjectModel:
     symmetries: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ObjectErrors:
-    """The errors of one object (or of several, pooled), one entry for each ground-truth pose.
+    """How wrong the estimates of one object are, one entry for each of its n true poses.
+
+    The translation, the angles and the box are compared with the true pose after that symmetry of
+    the object which brings it nearest; MSSD and MSPD take the best symmetry by their definition,
+    ADD and the 2D projection know none by theirs.
 
     Attributes:
-        found: (n,) whether there is an estimate; errors are infinite (`iou`: minus infinity) where
-            there is none.
-        values: name -> (n,) errors in metres, radians and pixels: `translation`, `rotation`, `add`,
-            `add_s`, `add_or_s` (ADD-S if the object has symmetries, else ADD), `mssd`, `mspd`,
-            `projection`, `iou`, `yaw`, `pitch`, `roll` (signed differences), `true_yaw`,
-            `true_pitch`, `true_roll`, and `diameter`. A name is absent if it could not be computed:
-            on the model without a model, in pixels without intrinsics, in angles and boxes where a
-            matrix is not a rotation.
-        precision: IoU threshold -> average precision, of one object only.
+        found: (n,) whether there is an estimate.
+        errors: name -> (n,) metres, radians or pixels, infinite where there is no estimate:
+            `translation`, `rotation`, `yaw`, `pitch`, `roll` (signed), `add`, `add_s`, `add_or_s`
+            (ADD-S if the object has symmetries, else ADD), `mssd`, `mspd`, `projection`. A name is
+            absent if it could not be computed: on the model without a model, in pixels without
+            intrinsics, in angles where a matrix of the object is not a rotation.
+        true_angles: `yaw`, `pitch`, `roll` -> (n,) radians; empty if there are no angles.
+        overlap: (n,) 3D IoU of the boxes, 0 where there is no estimate; None without a model, for
+            a flat box, or where a matrix is not a rotation.
+        precision: IoU threshold -> average precision of the box; empty if `overlap` is None.
+        diameter: of the model in metres, None without a model.
     """
 
     found: np.ndarray
-    values: dict[str, np.ndarray]
+    errors: dict[str, np.ndarray]
+    true_angles: dict[str, np.ndarray]
+    overlap: np.ndarray | None
     precision: dict[float, float]
+    diameter: float | None
+
+
+def in_images(table: PoseTable, images: Collection[tuple[int, int]]) -> np.ndarray:
+    """Which rows belong to one of the images, given as (scene id, image id): (N,) booleans."""
+    wanted = set(images)
+    keys = zip(table.scene_id.tolist(), table.image_id.tolist(), strict=True)
+    return np.array([key in wanted for key in keys], dtype=bool)
 
 
 def match(estimates: PoseTable, ground_truth: PoseTable) -> np.ndarray:
     """For every ground-truth pose the row of its estimate, -1 where there is none: (G,) integers.
 
     An image with n instances of an object takes the n surest estimates of it; if n > 1 they are
-    assigned so that the sum of the distances between the centres is smallest.
+    assigned so that the sum of the distances between the models' origins is smallest.
     """
     estimated, true = _rows_by_key(estimates), _rows_by_key(ground_truth)
     matched = np.full(len(ground_truth), -1)
@@ -94,103 +110,106 @@ def evaluate(
     models: Mapping[int, ObjectModel],
     K: np.ndarray | None = None,
     objects: Sequence[int] | None = None,
+    images: Collection[tuple[int, int]] | None = None,
 ) -> dict[int, ObjectErrors]:
     """Measure all estimates with every metric.
 
     Args:
-        estimates: what a method says; estimates of objects that an image does not hold count only
-            against the average precision.
+        estimates: what a method says. Those of images that are not evaluated are ignored; those of
+            objects that an image does not hold count against the average precision.
         ground_truth: what is there.
         models: object id -> model; objects without one get the errors that need none.
         K: (3, 3) intrinsics of all images, (G, 3, 3) of each ground-truth pose, or None.
         objects: the ids to evaluate, default all of the ground truth.
+        images: (scene id, image id) of the images to evaluate, default those of the ground truth;
+            give them if some hold no object at all.
 
     Returns:
         object id -> errors, in the order of the ids.
 
     Raises:
-        ValueError: if there is no ground truth, or an id of `objects` is not in it.
+        ValueError: if there is no ground truth in the images, or an id of `objects` is not in it;
+            or for what is wrong with one object, whose id it names.
     """
-    if not len(ground_truth):
-        fail("ground_truth", "at least one pose", "none")
-    known = np.unique(ground_truth.object_id).tolist()
-    wanted = known if objects is None else sorted(set(objects))
-    if unknown := [i for i in wanted if i not in known]:
-        fail("objects", f"ids of the ground truth {known}", unknown)
+    everywhere = zip(ground_truth.scene_id.tolist(), ground_truth.image_id.tolist(), strict=True)
+    images = set(everywhere) if images is None else set(images)
     if K is not None:
         K = np.asarray(K, dtype=np.float64)
         if K.shape not in ((3, 3), (len(ground_truth), 3, 3)):
             fail("K", f"shape (3, 3) or ({len(ground_truth)}, 3, 3)", f"shape {K.shape}")
         K = np.broadcast_to(K, (len(ground_truth), 3, 3))
-    # Published ground truth is not always a rotation; then angles and boxes are left out.
-    proper = all(rotations.is_rotation(table.R).all() for table in (estimates, ground_truth))
+        K = K[in_images(ground_truth, images)]
+    estimates = estimates[in_images(estimates, images)]
+    ground_truth = ground_truth[in_images(ground_truth, images)]
+    known = np.unique(ground_truth.object_id).tolist()
+    wanted = known if objects is None else sorted(set(objects))
+    if not known:
+        fail("ground_truth", "at least one pose in the images", "none")
+    if not wanted or not set(wanted) <= set(known):
+        fail("objects", f"ids of the ground truth {known}", wanted)
     result = {}
     for object_id in wanted:
         rows = ground_truth.object_id == object_id
-        result[object_id] = _measure(
-            estimates[estimates.object_id == object_id],
-            ground_truth[rows],
-            models.get(object_id),
-            None if K is None else K[rows],
-            proper,
-        )
+        try:
+            result[object_id] = _measure(
+                estimates[estimates.object_id == object_id],
+                ground_truth[rows],
+                models.get(object_id),
+                None if K is None else K[rows],
+            )
+        except ValueError as error:
+            raise ValueError(f"object {object_id}: {error}") from error
     return result
 
 
-def pool(errors: Sequence[ObjectErrors]) -> ObjectErrors:
-    """All poses of several objects as one list; a name that an object lacks covers the others."""
-    names = dict.fromkeys(name for one in errors for name in one.values)
-    values = {n: np.concatenate([o.values[n] for o in errors if n in o.values]) for n in names}
-    return ObjectErrors(np.concatenate([o.found for o in errors]), values, {})
-
-
 def _measure(
-    estimates: PoseTable,
-    truth: PoseTable,
-    model: ObjectModel | None,
-    K: np.ndarray | None,
-    proper: bool,
+    estimates: PoseTable, truth: PoseTable, model: ObjectModel | None, K: np.ndarray | None
 ) -> ObjectErrors:
-    """All errors of one object; those that need rotations only if all matrices are `proper`."""
+    """All errors of one object."""
     matched = match(estimates, truth)
     found = matched >= 0
     est, gt = estimates[matched[found]], truth[found]
-    pair = (est.R, est.t, gt.R, gt.t)
-    symmetries = None if model is None else model.symmetries
-    values = {"translation": pose_errors.translation_error(est.t, gt.t)}
-    precision = {}
+    near = _at_closest_symmetry(est, gt, model)
+    # Published ground truth is not always a rotation, and then has no angles.
+    proper = all(rotations.is_rotation(table.R).all() for table in (estimates, truth))
+    errors = {"translation": pose_errors.translation_error(est.t, near.t)}
+    true_angles, overlap, precision = {}, None, {}
     if proper:
-        values |= _angle_errors(est.R, gt.R, symmetries)
+        errors["rotation"] = pose_errors.rotation_error(est.R, near.R)
+        estimated, true = rotations.matrix_to_euler(est.R), rotations.matrix_to_euler(near.R)
+        difference = summaries.angle_difference(estimated, true)
+        for axis, name in enumerate(HEAD_ANGLES):
+            errors[name] = difference[:, axis]
+            true_angles[name] = _fill(found, true[:, axis], 0.0)
     if model is not None:
-        values["add"] = model_errors.add(*pair, model.points)
-        values["add_s"] = model_errors.add_s(*pair, model.points)
-        values["add_or_s"] = values["add" if symmetries is None else "add_s"]
-        values["mssd"] = model_errors.mssd(*pair, model.points, symmetries)
-    if model is not None and K is not None:
-        values["projection"] = model_errors.projection_2d(K[found], *pair, model.points)
-        values["mspd"] = model_errors.mspd(K[found], *pair, model.points, symmetries)
-    values = {name: _fill(found, error, np.inf) for name, error in values.items()}
-    if model is not None:
-        values["diameter"] = np.full(len(truth), model.diameter)
-    if model is not None and proper:
-        overlap = boxes.oriented_iou_3d(*_box(est, model), *_box(gt, model))
-        values["iou"] = _fill(found, overlap, -np.inf)
-        precision = _box_precision(estimates, truth, model)
-    return ObjectErrors(found, values, precision)
+        pair = (est.R, est.t, gt.R, gt.t)
+        errors["add"] = model_errors.add(*pair, model.points)
+        errors["add_s"] = model_errors.add_s(*pair, model.points)
+        errors["add_or_s"] = errors["add" if model.symmetries is None else "add_s"]
+        errors["mssd"] = model_errors.mssd(*pair, model.points, model.symmetries)
+        if K is not None:
+            errors["projection"] = model_errors.projection_2d(K[found], *pair, model.points)
+            errors["mspd"] = model_errors.mspd(K[found], *pair, model.points, model.symmetries)
+        if proper and (model.size > 0).all():
+            iou = boxes.oriented_iou_3d(*_box(est, model), *_box(near, model))
+            overlap = _fill(found, iou, 0.0)
+            precision = _box_precision(estimates, truth, model)
+    return ObjectErrors(
+        found,
+        {name: _fill(found, error, np.inf) for name, error in errors.items()},
+        true_angles,
+        overlap,
+        precision,
+        None if model is None else model.diameter,
+    )
 
 
-def _angle_errors(
-    R_est: np.ndarray, R_gt: np.ndarray, symmetries: np.ndarray | None
-) -> dict[str, np.ndarray]:
-    if symmetries is not None:
-        R_gt = pose_errors.closest_symmetry(R_est, R_gt, symmetries)
-    estimated, true = rotations.matrix_to_euler(R_est), rotations.matrix_to_euler(R_gt)
-    difference = summaries.angle_difference(estimated, true)
-    values = {"rotation": pose_errors.rotation_error(R_est, R_gt)}
-    for axis, name in enumerate(HEAD_ANGLES):
-        values[name] = difference[:, axis]
-        values[f"true_{name}"] = true[:, axis]
-    return values
+def _at_closest_symmetry(est: PoseTable, gt: PoseTable, model: ObjectModel | None) -> PoseTable:
+    """The true poses, each after the symmetry that brings it nearest to its estimate."""
+    if model is None or model.symmetries is None:
+        return gt
+    R, t = pose_errors.closest_symmetry(est.R, gt.R, gt.t, model.symmetries)
+    return replace(gt, R=R, t=t)
 
 
 def _box_precision(
@@ -200,12 +219,15 @@ def _box_precision(
     estimated, true = _rows_by_key(estimates), _rows_by_key(truth)
     correct = {threshold: np.zeros(len(estimates), bool) for threshold in IOU_THRESHOLDS}
     for key, rows in estimated.items():
-        there = truth[np.array(true.get(key, []), dtype=int)]
-        here = estimates[np.array(rows)]
-        R, t, size = _box(here, model)
-        overlaps = boxes.oriented_iou_3d(R[:, None], t[:, None], size, *_box(there, model))
+        there = np.array(true.get(key, []), dtype=int)
+        # Every estimate of the image beside every true pose in it.
+        one, other = (grid.ravel() for grid in np.meshgrid(rows, there, indexing="ij"))
+        est = estimates[one.astype(int)]
+        near = _at_closest_symmetry(est, truth[other.astype(int)], model)
+        overlaps = boxes.oriented_iou_3d(*_box(est, model), *_box(near, model))
+        overlaps, scores = overlaps.reshape(len(rows), len(there)), estimates.score[rows]
         for threshold in IOU_THRESHOLDS:
-            correct[threshold][rows] = detection.match_by_overlap(overlaps, here.score, threshold)
+            correct[threshold][rows] = detection.match_by_overlap(overlaps, scores, threshold)
     return {
         threshold: detection.average_precision(estimates.score, hits, len(truth))
         for threshold, hits in correct.items()

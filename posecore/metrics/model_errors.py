@@ -20,6 +20,7 @@ from torch import Tensor
 
 from posecore import cameras, poses
 from posecore.arrays import Array, array_function, fail, require_choice
+from posecore.metrics.pose_errors import require_symmetries
 from posecore.rotations import rotation_defect
 
 __all__ = ["add", "add_s", "mspd", "mssd", "projection_2d"]
@@ -44,7 +45,7 @@ def add(R_est: Array, t_est: Array, R_gt: Array, t_gt: Array, points: Array) -> 
     """
     # Both poses move the same point, so their difference is itself one affine map of the point.
     return _over_rows(
-        lambda R, t, x: poses.apply(R, t, x).norm(dim=-1).mean(-1),
+        lambda R, t, x: _mean(poses.apply(R, t, x).norm(dim=-1)),
         (R_est - R_gt, 2),
         (t_est - t_gt, 1),
         (points, 2),
@@ -149,17 +150,17 @@ def mssd(
     """
     # The distance is a convex function of the point, so its maximum lies on the convex hull.
     corners = points[_hull_vertices(points)]
-    best = None
+    errors = []
     for S_R, S_t in _split(symmetries, points):
         R, t = poses.compose(R_gt, t_gt, S_R, S_t)
         worst = _over_rows(
-            lambda R, t: poses.apply(R, t, corners).norm(dim=-1).amax(-1),
+            lambda R, t: _largest(poses.apply(R, t, corners).norm(dim=-1)),
             (R_est - R, 2),
             (t_est - t, 1),
             per_row=len(corners),
         )
-        best = worst if best is None else torch.minimum(best, worst)
-    return best
+        errors.append(worst)
+    return torch.stack(errors).amin(0)
 
 
 @array_function(K="... 3 3", **POSES, points="N 3", symmetries="S 4 4")
@@ -188,12 +189,7 @@ def mspd(
     Raises:
         ValueError: if the ground truth puts a point behind the camera.
     """
-    best = None
-    for S_R, S_t in _split(symmetries, points):
-        R, t = poses.compose(R_gt, t_gt, S_R, S_t)
-        worst = _pixel_distance(K, R_est, t_est, R, t, points, lambda d: d.amax(-1))
-        best = worst if best is None else torch.minimum(best, worst)
-    return best
+    return _pixel_distance(K, R_est, t_est, R_gt, t_gt, points, symmetries, _largest)
 
 
 @array_function(K="... 3 3", **POSES, points="... N 3")
@@ -216,7 +212,15 @@ def projection_2d(
     Raises:
         ValueError: if the ground truth puts a point behind the camera.
     """
-    return _pixel_distance(K, R_est, t_est, R_gt, t_gt, points, lambda d: d.mean(-1))
+    return _pixel_distance(K, R_est, t_est, R_gt, t_gt, points, None, _mean)
+
+
+def _largest(values: Tensor) -> Tensor:
+    return values.amax(-1)
+
+
+def _mean(values: Tensor) -> Tensor:
+    return values.mean(-1)
 
 
 def _pixel_distance(
@@ -226,21 +230,29 @@ def _pixel_distance(
     R_gt: Tensor,
     t_gt: Tensor,
     points: Tensor,
+    symmetries: Tensor | None,
     reduce: Callable[[Tensor], Tensor],
 ) -> Tensor:
+    motions = _split(symmetries, points)
+
     def distance(
         K: Tensor, R_est: Tensor, t_est: Tensor, R_gt: Tensor, t_gt: Tensor, points: Tensor
     ) -> Tensor:
-        there = poses.apply(R_gt, t_gt, points)
-        behind = there[..., 2] <= 0
-        if bool(behind.any()):
-            fail(
-                "t_gt",
-                "a ground truth in front of the camera",
-                f"{int(behind.sum())} points behind",
-            )
-        pixels = cameras.project(K, poses.apply(R_est, t_est, points), behind="inf")
-        return reduce((pixels - cameras.project(K, there)).norm(dim=-1))
+        seen = poses.apply(R_est, t_est, points)
+        hidden = seen[..., 2] <= 0
+        # Any point in front of the camera in their place, so that their gradient is 0, not NaN.
+        seen = torch.where(hidden[..., None], seen.new_tensor([0.0, 0.0, 1.0]), seen)
+        pixels = cameras.project(K, seen)
+        errors = []
+        for S_R, S_t in motions:
+            there = poses.apply(R_gt, t_gt, poses.apply(S_R, S_t, points))
+            behind = there[..., 2] <= 0
+            if bool(behind.any()):
+                expected = "a ground truth in front of the camera"
+                fail("t_gt", expected, f"{int(behind.sum())} points behind it")
+            gaps = (pixels - cameras.project(K, there)).norm(dim=-1)
+            errors.append(reduce(gaps.masked_fill(hidden, torch.inf)))
+        return torch.stack(errors).amin(0)
 
     return _over_rows(
         distance,
@@ -257,7 +269,8 @@ def _pixel_distance(
 def _split(symmetries: Tensor | None, like: Tensor) -> list[tuple[Tensor, Tensor]]:
     if symmetries is None:
         symmetries = torch.eye(4, dtype=like.dtype, device=like.device)[None]
-    return [poses.from_matrix(S) for S in symmetries]
+    require_symmetries(symmetries)
+    return [(S[:3, :3], S[:3, 3]) for S in symmetries]
 
 
 def _hull_vertices(points: Tensor) -> np.ndarray | slice:
@@ -280,6 +293,8 @@ def _over_rows(
     heads = [x.shape[: x.ndim - core] for x, core in arguments]
     batch = np.broadcast_shapes(*heads)
     rows = math.prod(batch)
+    if rows == 0:
+        return arguments[0][0].new_zeros(batch)
     step = max(1, MEMORY // per_row)
     flat = [  # what all rows share stays one row, so that nothing is copied
         x.reshape(1, *x.shape[len(head) :])
@@ -289,6 +304,6 @@ def _over_rows(
     ]
     pieces = [
         function(*(x if len(x) == 1 else x[start : start + step] for x in flat))
-        for start in range(0, max(rows, 1), step)
+        for start in range(0, rows, step)
     ]
     return torch.cat(pieces).reshape(batch)

@@ -10,11 +10,19 @@ homogeneous matrices (S, 4, 4) that include the identity; the error is then that
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
+from posecore import poses
 from posecore.arrays import Array, array_function, fail
 from posecore.rotations import geodesic_distance, require_rotation
 
-__all__ = ["axis_error", "closest_symmetry", "rotation_error", "translation_error"]
+__all__ = [
+    "axis_error",
+    "closest_symmetry",
+    "require_symmetries",
+    "rotation_error",
+    "translation_error",
+]
 
 
 @array_function(R_est="... 3 3", R_gt="... 3 3", symmetries="S 4 4")
@@ -33,10 +41,9 @@ def rotation_error(R_est: Array, R_gt: Array, symmetries: Array | None = None) -
     """
     require_rotation("R_est", R_est)
     require_rotation("R_gt", R_gt)
-    if symmetries is None:
-        return geodesic_distance(R_est, R_gt)
-    R_all = R_gt[..., None, :, :] @ symmetries[:, :3, :3]  # (..., S, 3, 3)
-    return geodesic_distance(R_est[..., None, :, :], R_all).amin(-1)
+    if symmetries is not None:
+        R_gt, _ = closest_symmetry(R_est, R_gt, R_gt.new_zeros(3), symmetries)
+    return geodesic_distance(R_est, R_gt)
 
 
 @array_function(R_est="... 3 3", R_gt="... 3 3", axis="3")
@@ -72,23 +79,31 @@ def translation_error(t_est: Array, t_gt: Array) -> Array:
     return (t_est - t_gt).norm(dim=-1)
 
 
-@array_function(R_est="... 3 3", R_gt="... 3 3", symmetries="S 4 4")
-def closest_symmetry(R_est: Array, R_gt: Array, symmetries: Array) -> Array:
-    """Of all rotations that look like `R_gt`, the one nearest to the estimate.
+@array_function(R_est="... 3 3", R_gt="... 3 3", t_gt="... 3", symmetries="S 4 4")
+def closest_symmetry(
+    R_est: Array, R_gt: Array, t_gt: Array, symmetries: Array
+) -> tuple[Array, Array]:
+    """Of all poses that look like the ground truth, the one whose rotation is nearest to `R_est`.
+
+    What is measured against it, an angle, a translation, a box, respects the symmetry. Nearest is
+    meant in the Frobenius norm, which for rotations has the order of the angles.
 
     Args:
-        R_est, R_gt: (..., 3, 3) rotations.
-        symmetries: (S, 4, 4).
+        R_est: (..., 3, 3) estimated rotation.
+        R_gt, t_gt: (..., 3, 3) and (..., 3) true pose.
+        symmetries: (S, 4, 4) in the unit of `t_gt`.
 
     Returns:
-        (..., 3, 3), `R_gt @ S` for the best S. Useful before errors of single angles are taken.
-
-    Raises:
-        ValueError: if a rotation is off by more than 1e-3.
+        `R` (..., 3, 3) and `t` (..., 3), the true pose after the best symmetry.
     """
-    require_rotation("R_est", R_est)
-    require_rotation("R_gt", R_gt)
-    R_all = R_gt[..., None, :, :] @ symmetries[:, :3, :3]
-    best = geodesic_distance(R_est[..., None, :, :], R_all).argmin(-1)
-    R_all = R_all.expand(*best.shape, *R_all.shape[-3:])
-    return torch.take_along_dim(R_all, best[..., None, None, None], dim=-3)[..., 0, :, :]
+    require_symmetries(symmetries)
+    nearness = (R_gt.mT @ R_est).flatten(-2) @ symmetries[:, :3, :3].flatten(-2).T  # (..., S)
+    best = symmetries[nearness.argmax(-1)]
+    return poses.compose(R_gt, t_gt, best[..., :3, :3], best[..., :3, 3])
+
+
+def require_symmetries(symmetries: Tensor) -> None:
+    """Refuse what are not rigid transforms (S, 4, 4)."""
+    if bool((symmetries[:, 3] != symmetries.new_tensor([0, 0, 0, 1])).any()):
+        fail("symmetries", "matrices with a last row 0 0 0 1", "others")
+    require_rotation("symmetries", symmetries[:, :3, :3])

@@ -11,7 +11,7 @@ from posecore.arrays import fail
 __all__ = ["PoseTable"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PoseTable:
     """One row for every estimated (or annotated) pose; all arrays share their first dimension N.
 
@@ -56,6 +56,8 @@ class PoseTable:
     def __len__(self) -> int:
         return len(self.object_id)
 
-    def __getitem__(self, rows: np.ndarray | slice) -> PoseTable:
-        """The table of the chosen rows: a slice, a mask or an array of indices."""
+    def __getitem__(self, rows: int | np.ndarray | slice) -> PoseTable:
+        """The table of the chosen rows: a slice, a mask, an array of indices, or one index."""
+        if isinstance(rows, int | np.integer):
+            rows = np.arange(len(self))[[rows]]
         return PoseTable(*(getattr(self, field.name)[rows] for field in fields(self)))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from posecore.metrics import summaries
-from posecore.metrics.evaluation import HEAD_ANGLES, IOU_THRESHOLDS, ObjectErrors, pool
+from posecore.metrics.evaluation import HEAD_ANGLES, IOU_THRESHOLDS, ObjectErrors
 
 __all__ = ["Line", "report", "summarise", "to_text"]
 
@@ -33,12 +33,11 @@ MEDIANS = {  # name -> label, factor to the printed unit
     "rotation": ("rotation, deg", 180 / np.pi),
     "projection": ("2D projection, px", 1),
     "mspd": ("MSPD, px", 1),
-    "iou": ("3D IoU", 1),
 }
 DIGITS = {COUNT: 0, CORRECT_COUNT: 0, MEDIAN: 3, ANGLES: 2}  # else 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Line:
     """One metric.
 
@@ -66,29 +65,42 @@ def report(errors: Mapping[int, ObjectErrors], image_width: float = 640) -> list
     Returns:
         One line for each metric. Lengths in mm, angles in degrees, shares in per cent.
     """
-    columns = {i: summarise(one, image_width) for i, one in errors.items()}
-    pooled = summarise(pool(list(errors.values())), image_width)
-    fullest_first = sorted(columns.values(), key=len, reverse=True)  # its order is the order
-    keys = dict.fromkeys(key for column in fullest_first for key in column)
+    columns = {i: summarise([one], image_width) for i, one in errors.items()}
+    pooled = summarise(list(errors.values()), image_width)
     lines = []
-    for section, label in keys:
+    for section, label in pooled:
         values = {i: column.get((section, label)) for i, column in columns.items()}
         known = [value for value in values.values() if value is not None]
         counted = section in (COUNT, CORRECT_COUNT)
-        mean = None if counted else float(np.mean(known))
-        lines.append(Line(section, label, values, pooled.get((section, label)), mean))
-    order = {section: n for n, section in enumerate(dict.fromkeys(line.section for line in lines))}
-    return sorted(lines, key=lambda line: order[line.section])
+        alone = section == PRECISION  # of one class by definition
+        lines.append(
+            Line(
+                section,
+                label,
+                values,
+                None if alone else pooled[section, label],
+                None if counted else float(np.mean(known)),
+            )
+        )
+    return lines
 
 
-def summarise(errors: ObjectErrors, image_width: float = 640) -> dict[tuple[str, str], float]:
-    """(section, label) -> value, for all metrics that the errors allow. Units as in `report`."""
-    values = errors.values
+def summarise(
+    parts: Sequence[ObjectErrors], image_width: float = 640
+) -> dict[tuple[str, str], float]:
+    """(section, label) -> value, for all metrics that the errors allow. Units as in `report`.
+
+    Args:
+        parts: the errors of one object, or of several: then every pose has the same weight, and a
+            metric covers the objects for which it could be computed.
+        image_width: pixels.
+    """
+    found = _join(parts, lambda part: part.found)
     lines: dict[tuple[str, str], float] = {
-        (COUNT, "ground truth"): len(errors.found),
-        (COUNT, "estimated"): int(errors.found.sum()),
+        (COUNT, "ground truth"): len(found),
+        (COUNT, "estimated"): int(found.sum()),
     }
-    correct = _correct(values)
+    correct = _correct(parts)
     for label, (right, _) in correct.items():
         lines[CORRECT, label] = 100 * float(right.mean())
     for label, (right, estimated) in correct.items():
@@ -97,86 +109,137 @@ def summarise(errors: ObjectErrors, image_width: float = 640) -> dict[tuple[str,
     for label, (right, _) in correct.items():
         lines[CORRECT_COUNT, label] = int(right.sum())
     for name, label in ADD_KINDS.items():
-        if name in values:
-            lines[AREA, label] = 100 * summaries.auc(values[name], 0.1)
-    if "mssd" in values:
-        relative = values["mssd"] / values["diameter"]
+        if some := _having(parts, name):
+            errors = _join(some, lambda part, name=name: part.errors[name])
+            lines[AREA, label] = 100 * summaries.auc(errors, 0.1)
+    if some := _having(parts, "mssd"):
+        relative = _join(some, lambda part: part.errors["mssd"] / part.diameter)
         lines[RECALL, "MSSD"] = 100 * summaries.average_recall(relative, MSSD_THRESHOLDS)
-    if "mspd" in values:
+    if some := _having(parts, "mspd"):
         thresholds = MSPD_THRESHOLDS * image_width / 640
-        lines[RECALL, "MSPD"] = 100 * summaries.average_recall(values["mspd"], thresholds)
-    for threshold, precision in errors.precision.items():
-        lines[PRECISION, f"3D IoU > {threshold}"] = 100 * precision
+        errors = _join(some, lambda part: part.errors["mspd"])
+        lines[RECALL, "MSPD"] = 100 * summaries.average_recall(errors, thresholds)
+    for threshold in IOU_THRESHOLDS:
+        if some := [part.precision[threshold] for part in parts if threshold in part.precision]:
+            lines[PRECISION, f"3D IoU > {threshold}"] = 100 * float(np.mean(some))
     for name, (label, factor) in MEDIANS.items():
-        estimated = values[name][np.isfinite(values[name])] if name in values else np.empty(0)
-        if estimated.size:
-            lines[MEDIAN, label] = factor * float(np.median(estimated))
-    if "yaw" in values and errors.found.any():
-        lines |= _angle_lines(values)
+        if some := _having(parts, name):
+            errors = _join(some, lambda part, name=name: part.errors[name][part.found])
+            if errors.size:
+                lines[MEDIAN, label] = factor * float(np.median(errors))
+    if some := [part for part in parts if part.overlap is not None]:
+        overlap = _join(some, lambda part: part.overlap[part.found])
+        if overlap.size:
+            lines[MEDIAN, "3D IoU"] = float(np.median(overlap))
+    if (some := _having(parts, "yaw")) and any(part.found.any() for part in some):
+        lines |= _angle_lines(some)
     return lines
 
 
-def _correct(values: Mapping[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _having(parts: Sequence[ObjectErrors], name: str) -> list[ObjectErrors]:
+    return [part for part in parts if name in part.errors]
+
+
+def _join(
+    parts: Sequence[ObjectErrors], values: Callable[[ObjectErrors], np.ndarray]
+) -> np.ndarray:
+    return np.concatenate([values(part) for part in parts])
+
+
+def _correct(parts: Sequence[ObjectErrors]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Label -> which poses are right, and which of them were estimated at all."""
-    right = {}
+    rules: dict[str, tuple[list[ObjectErrors], Callable[[ObjectErrors], np.ndarray]]] = {}
     for name, label in ADD_KINDS.items():
-        if name in values:
-            right[f"{label} < 0.1 d"] = values[name] < 0.1 * values["diameter"], values[name]
-    if "projection" in values:
-        right["2D projection < 5 px"] = values["projection"] < 5, values["projection"]
-    if "rotation" in values:
-        rotation, translation = values["rotation"], values["translation"]
-        for degrees, cm in ((5, 2), (5, 5), (10, 5), (10, 10)):
-            good = summaries.within(rotation, translation, degrees, cm)
-            right[f"{degrees} deg {cm} cm"] = good, rotation
-    if "iou" in values:
-        for threshold in IOU_THRESHOLDS:
-            right[f"3D IoU > {threshold}"] = values["iou"] > threshold, values["iou"]
-    return {label: (good, np.isfinite(error)) for label, (good, error) in right.items()}
+        rules[f"{label} < 0.1 d"] = (
+            _having(parts, name),
+            lambda part, name=name: part.errors[name] < 0.1 * part.diameter,
+        )
+    rules["2D projection < 5 px"] = (
+        _having(parts, "projection"),
+        lambda part: part.errors["projection"] < 5,
+    )
+    for degrees, cm in ((5, 2), (5, 5), (10, 5), (10, 10)):
+        rules[f"{degrees} deg {cm} cm"] = (
+            _having(parts, "rotation"),
+            lambda part, degrees=degrees, cm=cm: summaries.within(
+                part.errors["rotation"], part.errors["translation"], degrees, cm
+            ),
+        )
+    for threshold in IOU_THRESHOLDS:
+        rules[f"3D IoU > {threshold}"] = (
+            [part for part in parts if part.overlap is not None],
+            lambda part, threshold=threshold: part.overlap > threshold,
+        )
+    return {
+        label: (_join(some, right), _join(some, lambda part: part.found))
+        for label, (some, right) in rules.items()
+        if some
+    }
 
 
-def _angle_lines(values: Mapping[str, np.ndarray]) -> dict[tuple[str, str], float]:
+def _angle_lines(parts: Sequence[ObjectErrors]) -> dict[tuple[str, str], float]:
     """MAE, RMSE and BMAE of yaw, pitch, roll, and the average of the three."""
     lines = {}
-    estimated = np.isfinite(values["yaw"])
     for label, metric in (
         ("MAE", lambda error, _: summaries.mean_absolute_error(error)),
         ("RMSE", lambda error, _: summaries.root_mean_squared_error(error)),
         ("BMAE", summaries.balanced_mean_angular_error),
     ):
         numbers = [
-            np.rad2deg(metric(values[name][estimated], values[f"true_{name}"][estimated]))
+            np.rad2deg(
+                metric(
+                    _join(parts, lambda part, name=name: part.errors[name][part.found]),
+                    _join(parts, lambda part, name=name: part.true_angles[name][part.found]),
+                )
+            )
             for name in HEAD_ANGLES
         ]
-        for name, number in zip(
-            (*HEAD_ANGLES, "average"), (*numbers, np.mean(numbers)), strict=True
-        ):
+        names = (*HEAD_ANGLES, "average")
+        for name, number in zip(names, (*numbers, np.mean(numbers)), strict=True):
             lines[ANGLES, f"{label} {name}"] = float(number)
     return lines
 
 
-def to_text(lines: list[Line]) -> str:
-    """The report as a table for a terminal; `-` where a metric could not be computed."""
+def to_text(lines: list[Line], width: int = 120) -> str:
+    """The report as a table for a terminal; `-` where a metric could not be computed.
+
+    Args:
+        lines: from `report`.
+        width: characters; objects that do not fit beside each other follow below.
+    """
     objects = list(lines[0].objects)
-    several = len(objects) > 1
-    heads = [f"obj {i}" for i in objects] + (["all", "mean"] if several else [])
-    width = max(9, 2 + max(map(len, heads)))
-    label_width = 2 + max(len(line.label) for line in lines)
-    text = [" " * label_width + "".join(head.rjust(width) for head in heads)]
-    section, partial = None, False
-    for line in lines:
-        if line.section != section:
-            section = line.section
-            text += ["", section]
-        cells = list(line.objects.values()) + ([line.pooled, line.mean] if several else [])
-        digits = DIGITS.get(section, 1)
-        shown = ["-" if cell is None else f"{cell:.{digits}f}" for cell in cells]
-        if several and None in line.objects.values():
-            partial = True
-            shown[-2:] = [cell if cell == "-" else cell + "*" for cell in shown[-2:]]
-        text.append(("  " + line.label).ljust(label_width) + "".join(s.rjust(width) for s in shown))
-    if several:
-        text += ["", "all: every pose has the same weight; mean: every object has."]
-    if partial:
+    heads = [f"obj {i}" for i in objects]
+    cells = {line: [*line.objects.values()] for line in lines}
+    if len(objects) > 1:
+        heads += ["all", "mean"]
+        cells = {line: [*row, line.pooled, line.mean] for line, row in cells.items()}
+    shown = {line: _show(line, row) for line, row in cells.items()}
+    column = max(9, 2 + max(map(len, heads)))
+    label = 2 + max(len(line.label) for line in lines)
+    at_once = max(1, (width - label) // column)
+    text = []
+    for begin in range(0, len(heads), at_once):
+        some = slice(begin, begin + at_once)
+        text.append(" " * label + "".join(head.rjust(column) for head in heads[some]))
+        section = None
+        for line in lines:
+            if line.section != section:
+                section = line.section
+                text += ["", section]
+            row = "".join(cell.rjust(column) for cell in shown[line][some])
+            text.append(("  " + line.label).ljust(label) + row)
+        text.append("")
+    if len(objects) > 1:
+        text.append("all: every pose has the same weight; mean: every object has.")
+    if any("*" in cell for row in shown.values() for cell in row):
         text.append("*: of those objects only that have a value in the line.")
-    return "\n".join(text)
+    return "\n".join(text).rstrip("\n")
+
+
+def _show(line: Line, row: list[float | None]) -> list[str]:
+    digits = DIGITS.get(line.section, 1)
+    cells = ["-" if value is None else f"{value:.{digits}f}" for value in row]
+    if None in line.objects.values():
+        first = len(line.objects)  # of the two columns over all objects
+        cells[first:] = [cell if cell == "-" else cell + "*" for cell in cells[first:]]
+    return cells

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from posecore.arrays import Array, array_function, fail, require_number
+from posecore.arrays import Array, array_function, fail, require_number, to_numbers
 
 __all__ = [
     "accuracy",
@@ -35,7 +35,7 @@ def accuracy(errors: Array, threshold: float | Array) -> float:
         ValueError: if there are no errors, or one is negative or not a number.
     """
     errors = _errors(errors)
-    threshold = _thresholds(threshold)
+    threshold = _thresholds("threshold", threshold)
     if threshold.ndim and threshold.shape != errors.shape:
         fail("threshold", f"one number or shape {errors.shape}", f"shape {threshold.shape}")
     return float((errors < threshold).mean())
@@ -52,7 +52,9 @@ def accuracy_curve(errors: Array, thresholds: Array) -> np.ndarray:
         (T,) shares in [0, 1].
     """
     ordered = np.sort(_errors(errors))
-    return np.searchsorted(ordered, _thresholds(thresholds), side="left") / len(ordered)
+    return np.searchsorted(ordered, _thresholds("thresholds", thresholds), side="left") / len(
+        ordered
+    )
 
 
 def auc(errors: Array, max_threshold: float = 0.1) -> float:
@@ -70,7 +72,7 @@ def auc(errors: Array, max_threshold: float = 0.1) -> float:
         A number in [0, 1].
     """
     limit = require_number("max_threshold", max_threshold, above=0)
-    return float(np.clip(1 - _errors(errors) / limit, 0, None).mean())
+    return float((1 - np.minimum(_errors(errors), limit) / limit).mean())
 
 
 def average_recall(errors: Array, thresholds: Array) -> float:
@@ -121,12 +123,16 @@ def angle_difference(estimated: Array, true: Array) -> Array:
 
 def mean_absolute_error(errors: Array) -> float:
     """The mean of |errors| (N,), signed or not; infinite if an estimate is missing."""
-    return float(_errors(np.abs(_numbers(errors, "errors"))).mean())
+    return float(_errors(np.abs(to_numbers("errors", errors))).mean())
 
 
 def root_mean_squared_error(errors: Array) -> float:
     """The root of the mean of errors^2 (N,), signed or not; infinite if an estimate is missing."""
-    return float(np.sqrt((_errors(np.abs(_numbers(errors, "errors"))) ** 2).mean()))
+    sizes = _errors(np.abs(to_numbers("errors", errors)))
+    largest = sizes.max()
+    if largest in (0, np.inf):
+        return float(largest)
+    return float(largest * np.sqrt(np.square(sizes / largest).mean()))  # no square overflows
 
 
 def balanced_mean_angular_error(
@@ -154,10 +160,10 @@ def balanced_mean_angular_error(
     Raises:
         ValueError: if a true angle lies beyond `max_angle`, or the shapes differ.
     """
-    errors = _errors(np.abs(_numbers(errors, "errors")))
+    errors = _errors(np.abs(to_numbers("errors", errors)))
     width = require_number("bin_width", bin_width, above=0)
     limit = require_number("max_angle", max_angle, low=width)
-    angles = _errors(np.abs(_numbers(true_angles, "true_angles")), "true_angles")
+    angles = _errors(np.abs(to_numbers("true_angles", true_angles)), "true_angles")
     if angles.shape != errors.shape:
         fail("true_angles", f"shape {errors.shape}", f"shape {angles.shape}")
     tiny = 1e-9  # a bin's edge is rounded: 3 * (pi / 36) is not the float next to pi / 12
@@ -169,17 +175,9 @@ def balanced_mean_angular_error(
     return float(np.mean(means))
 
 
-def _numbers(values: Array, name: str) -> np.ndarray:
-    values = values.detach().cpu().numpy() if isinstance(values, torch.Tensor) else values
-    array = np.asarray(values)
-    if array.dtype.kind not in "fiu":
-        fail(name, "numbers", f"dtype {array.dtype}")
-    return array.astype(np.float64)
-
-
 def _errors(errors: Array, name: str = "errors") -> np.ndarray:
     """Errors may be infinite, so they have a check of their own."""
-    array = _numbers(errors, name)
+    array = to_numbers(name, errors)
     if array.ndim != 1 or not array.size:
         fail(name, "shape (N,) with N of at least 1", f"shape {array.shape}")
     if np.isnan(array).any() or (array < 0).any():
@@ -188,8 +186,8 @@ def _errors(errors: Array, name: str = "errors") -> np.ndarray:
     return array
 
 
-def _thresholds(thresholds: float | Array) -> np.ndarray:
-    array = _numbers(thresholds, "thresholds")
+def _thresholds(name: str, thresholds: float | Array) -> np.ndarray:
+    array = to_numbers(name, thresholds)
     if array.ndim > 1 or np.isnan(array).any() or (array < 0).any():
-        fail("thresholds", "numbers of at least 0", array)
+        fail(name, "numbers of at least 0", array.tolist())
     return array

@@ -64,6 +64,7 @@ def test_the_surest_choose_first():
     assert metrics.match_by_overlap(overlaps, [3, 2, 1], 0.5).tolist() == [True, False, True]
     assert metrics.match_by_overlap(overlaps, [3, 3, 3], 0.5).tolist() == [True, False, True]
     assert metrics.match_by_overlap(np.zeros((2, 0)), [1, 2], 0.5).tolist() == [False, False]
+    assert metrics.match_by_overlap([[0.5]], [1], 0.5).tolist() == [False]  # must exceed
 
 
 @pytest.mark.parametrize(
@@ -71,6 +72,7 @@ def test_the_surest_choose_first():
     [
         (lambda: metrics.match_by_overlap([0.5], [1], 0.5), "overlaps"),
         (lambda: metrics.match_by_overlap([[0.5]], [1, 2], 0.5), "scores"),
+        (lambda: metrics.match_by_overlap([["a"]], [1], 0.5), "overlaps"),
         (lambda: metrics.match_by_overlap([[np.nan]], [1], 0.5), "overlaps"),
         (lambda: metrics.match_by_overlap([[0.5]], [np.inf], 0.5), "scores"),
         (lambda: metrics.match_by_overlap([[0.5]], [1], None), "threshold"),

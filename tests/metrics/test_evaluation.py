@@ -88,20 +88,21 @@ def test_errors_by_hand():
     """Object 7: one estimate 1 cm off, one pose missed. Object 8 has no model."""
     estimates = table([(1, 1, 7, 1, 0.01, 0.0), (1, 2, 8, 1, 0.3, 10.0)])
     errors = evaluation.evaluate(estimates, TRUTH, {7: model()}, K)
-    values = errors[7].values
+    values = errors[7].errors
     assert errors[7].found.tolist() == [True, False]
     for name in ("translation", "add", "mssd"):
         np.testing.assert_allclose(values[name], [0.01, np.inf], rtol=1e-9)
     np.testing.assert_allclose(values["rotation"], [0, np.inf], atol=1e-9)
-    np.testing.assert_allclose(values["iou"], [9 / 11, -np.inf], rtol=1e-6)
-    np.testing.assert_allclose(values["diameter"], 0.1 * np.sqrt(3))
+    np.testing.assert_allclose(errors[7].overlap, [9 / 11, 0], rtol=1e-6)
+    assert errors[7].diameter == 0.1 * np.sqrt(3)
     near, far = 570 * 0.01 / 0.95, 570 * 0.01 / 1.05  # the cube's two depths
     np.testing.assert_allclose(values["mspd"], [near, np.inf])
     np.testing.assert_allclose(values["projection"], [(near + far) / 2, np.inf])
     assert errors[7].precision == pytest.approx({0.25: 0.5, 0.5: 0.5, 0.75: 0.5})
-    bare = errors[8].values
+    bare = errors[8].errors
     assert "add" not in bare
-    assert "iou" not in bare
+    assert errors[8].overlap is None
+    assert errors[8].precision == {}
     # About the viewing axis: a turn of 10 degrees is a roll of 10 degrees.
     np.testing.assert_allclose(np.rad2deg(bare["roll"]), [10], rtol=1e-9)
     np.testing.assert_allclose(np.rad2deg(bare["rotation"]), [10], rtol=1e-9)
@@ -110,8 +111,8 @@ def test_errors_by_hand():
 def test_a_symmetric_object_is_measured_at_its_best_symmetry():
     truth = table([(1, 1, 7, 1, 0.0, 0.0)])
     estimates = table([(1, 1, 7, 1, 0.0, 185.0)])
-    plain = evaluation.evaluate(estimates, truth, {7: model()})[7].values
-    best = evaluation.evaluate(estimates, truth, {7: model(symmetric=True)})[7].values
+    plain = evaluation.evaluate(estimates, truth, {7: model()})[7].errors
+    best = evaluation.evaluate(estimates, truth, {7: model(symmetric=True)})[7].errors
     assert np.rad2deg(plain["rotation"]) == pytest.approx([175])
     assert np.rad2deg(best["rotation"]) == pytest.approx([5])
     assert np.rad2deg(best["roll"]) == pytest.approx([5])
@@ -123,33 +124,107 @@ def test_a_symmetric_object_is_measured_at_its_best_symmetry():
 def test_matrices_that_are_no_rotations_get_no_angles():
     truth = table([(1, 1, 7, 1, 0.0, 0.0)])
     stretched = replace(truth, R=truth.R * 1.01)
-    values = evaluation.evaluate(truth, stretched, {7: model()}, K)[7].values
-    assert {"rotation", "yaw", "iou"}.isdisjoint(values)
-    assert values["add"] == pytest.approx(np.sqrt(3) * 0.05 * 0.01)
+    errors = evaluation.evaluate(truth, stretched, {7: model()}, K)[7]
+    assert {"rotation", "yaw"}.isdisjoint(errors.errors)
+    assert errors.overlap is None
+    assert errors.errors["add"] == pytest.approx(np.sqrt(3) * 0.05 * 0.01)
+
+
+def test_one_bad_matrix_takes_the_angles_of_its_object_only():
+    bent = replace(TRUTH, R=TRUTH.R * np.array([1, 1, 1.01])[:, None, None])  # of object 8
+    errors = evaluation.evaluate(TRUTH, bent, {})
+    assert "rotation" in errors[7].errors
+    assert "rotation" not in errors[8].errors
 
 
 def test_wrong_detections_lower_the_precision():
     """An estimate in an image without the object is no pose error, but a false detection."""
     estimates = table([(1, 1, 7, 0.5, 0.0, 0.0), (1, 5, 7, 0.9, 0.0, 0.0)])
-    errors = evaluation.evaluate(estimates, TRUTH, {7: model()}, objects=[7])
+    images = [(1, 1), (1, 2), (1, 5)]
+    errors = evaluation.evaluate(estimates, TRUTH, {7: model()}, objects=[7], images=images)
     assert list(errors) == [7]
     assert errors[7].precision[0.5] == pytest.approx(0.5 * 0.5)
 
 
-def test_pooled_errors_keep_every_pose():
-    estimates = table([(1, 1, 7, 1, 0.01, 0.0), (1, 2, 8, 1, 0.3, 10.0)])
-    errors = evaluation.evaluate(estimates, TRUTH, {7: model()}, K)
-    together = evaluation.pool(list(errors.values()))
-    assert together.found.tolist() == [True, False, True]
-    assert len(together.values["translation"]) == 3
-    assert len(together.values["add"]) == 2
+def test_images_that_are_not_evaluated_do_not_count():
+    """The same estimate, in an image of which nothing is known."""
+    estimates = table([(1, 1, 7, 0.5, 0.0, 0.0), (1, 5, 7, 0.9, 0.0, 0.0)])
+    errors = evaluation.evaluate(estimates, TRUTH, {7: model()}, objects=[7])
+    assert errors[7].precision[0.5] == pytest.approx(0.5)
+    errors = evaluation.evaluate(estimates, TRUTH, {7: model()}, K, images=[(1, 1)])
+    assert errors[7].found.tolist() == [True]
+    assert 8 not in errors
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_what_looks_right_is_right(seed):
+    """Estimates that differ from the truth by a symmetry, about an axis off the origin."""
+    rng = np.random.default_rng(seed)
+    R, t = Rotation.random(4, rng=rng).as_matrix(), rng.normal(0, 0.1, (4, 3)) + (0, 0, 2)
+    half_turn = HALF_TURN.copy()
+    half_turn[:3, 3] = (0.1, 0.06, 0)  # about x = 5 cm, y = 3 cm
+    corners = np.array(list(itertools.product((0, 0.1), (0, 0.06), (-0.02, 0.02))))
+    symmetries = np.stack([np.eye(4), half_turn])
+    size = np.array([0.1, 0.06, 0.04])
+    box = evaluation.ObjectModel(corners, 0.12, size * (0.5, 0.5, 0), size, symmetries)
+    ids, ones = np.arange(4), np.ones(4)
+    truth = PoseTable(ids, ids, ones.astype(int), R, t, ones, ones)
+    flipped = rng.random(4) < 0.5
+    T = np.where(flipped[:, None, None], half_turn, np.eye(4))
+    estimates = replace(truth, R=R @ T[:, :3, :3], t=(R @ T[:, :3, 3:])[..., 0] + t)
+    measured = evaluation.evaluate(estimates, truth, {1: box}, K)[1]
+    for name in ("translation", "rotation", "yaw", "roll", "mssd", "mspd", "add_s"):
+        assert np.abs(measured.errors[name]).max() < 1e-6, name
+    assert measured.overlap.min() > 1 - 1e-6
+    assert measured.precision[0.75] == 1
+    assert (measured.errors["add"] > 0.05).tolist() == flipped.tolist()
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_subset_of_the_objects_gets_the_same_errors(seed):
+    rng = np.random.default_rng(seed)
+    rows = [
+        (1, i, o, rng.random(), rng.normal(0, 0.02), 5 * rng.normal())
+        for i in range(3)
+        for o in (7, 8)
+    ]
+    estimates, truth = table(rows), table([(*row[:3], 1, 0.0, 0.0) for row in rows])
+    models = {7: model(), 8: model(symmetric=True)}
+    both = evaluation.evaluate(estimates, truth, models, K)
+    alone = evaluation.evaluate(estimates, truth, models, K, objects=[8])
+    assert list(alone) == [8]
+    assert alone[8].precision == both[8].precision
+    for name, values in alone[8].errors.items():
+        np.testing.assert_array_equal(values, both[8].errors[name])
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_place_of_the_camera_does_not_matter(seed):
+    """Poses seen from elsewhere have the same errors on the object."""
+    rng = np.random.default_rng(seed)
+    rows = [(1, i, 7, 1, rng.normal(0, 0.02), 5 * rng.normal()) for i in range(3)]
+    estimates, truth = table(rows), table([(*row[:3], 1, 0.0, 0.0) for row in rows])
+    R, t = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3)
+    moved = [replace(poses, R=R @ poses.R, t=poses.t @ R.T + t) for poses in (estimates, truth)]
+    here = evaluation.evaluate(estimates, truth, {7: model(symmetric=True)})[7]
+    there = evaluation.evaluate(*moved, {7: model(symmetric=True)})[7]
+    for name in ("translation", "rotation", "add", "add_s", "mssd"):
+        np.testing.assert_allclose(there.errors[name], here.errors[name], atol=1e-9)
+    np.testing.assert_allclose(there.overlap, here.overlap, atol=1e-7)
+
+
+def test_a_flat_object_has_no_box():
+    flat = replace(model(), size=np.array([0.1, 0.1, 0]))
+    errors = evaluation.evaluate(TRUTH, TRUTH, {7: flat})[7]
+    assert errors.overlap is None
+    assert errors.errors["add"].max() == 0
 
 
 def test_intrinsics_of_every_pose():
     estimates = table([(1, 1, 7, 1, 0.01, 0.0), (1, 2, 7, 1, 0.01, 30.0)])
     truth = TRUTH[:2]
     doubled = np.stack([K, K * [[2], [2], [1]]])
-    values = evaluation.evaluate(estimates, truth, {7: model()}, doubled)[7].values
+    values = evaluation.evaluate(estimates, truth, {7: model()}, doubled)[7].errors
     single = [
         metrics.projection_2d(
             doubled[i], estimates.R[i], estimates.t[i], truth.R[i], truth.t[i], model().points
@@ -163,9 +238,11 @@ def test_intrinsics_of_every_pose():
     ("call", "name"),
     [
         (lambda: evaluation.evaluate(TRUTH, empty(), {}), "ground_truth"),
+        (lambda: evaluation.evaluate(TRUTH, TRUTH, {}, images=[(9, 9)]), "ground_truth"),
         (lambda: evaluation.evaluate(TRUTH, TRUTH, {}, objects=[7, 99]), "objects.*99"),
+        (lambda: evaluation.evaluate(TRUTH, TRUTH, {}, objects=[]), "objects"),
         (lambda: evaluation.evaluate(TRUTH, TRUTH, {}, np.eye(4)), "K"),
-        (lambda: evaluation.evaluate(TRUTH, TRUTH, {7: model()}, np.zeros((3, 3))), "K"),
+        (lambda: evaluation.evaluate(TRUTH, TRUTH, {7: model()}, np.zeros((3, 3))), "object 7: K"),
     ],
 )
 def test_bad_input_is_named(call, name):

@@ -191,6 +191,27 @@ def test_gradients_reach_the_pose():
     assert torch.autograd.gradcheck(metrics.add_s, fixed)
 
 
+def test_a_hidden_point_spoils_no_gradient():
+    """One estimate of two is behind the camera; the other one's gradient stays what it is."""
+    R, t, R_gt, t_gt, points = (torch.tensor(x) for x in random_case(4, (2,)))
+    t[1, 2] = -1
+    inputs = [x.clone().requires_grad_() for x in (R, t, R_gt, t_gt, points)]
+    alone = [x.clone().requires_grad_() for x in (R[0], t[0], R_gt[0], t_gt[0], points)]
+    for function in (metrics.projection_2d, metrics.mspd):
+        errors = function(K, *inputs)
+        assert errors[1] == torch.inf
+        gradients = torch.autograd.grad(errors[0], inputs)
+        expected = torch.autograd.grad(function(K, *alone), alone)
+        for gradient, other, x in zip(gradients, expected, inputs, strict=True):
+            got = gradient[0] if x.ndim > other.ndim else gradient
+            torch.testing.assert_close(got, other)
+
+
+def test_no_rows_are_no_errors():
+    empty = random_case(0, (0,))
+    assert metrics.add_s(*empty[:4], np.ones((0, 5, 3))).shape == (0,)
+
+
 def test_float32_stays_float32():
     case = [torch.tensor(x, dtype=torch.float32) for x in random_case(4, (2,))]
     assert metrics.add(*case).dtype == metrics.add_s(*case).dtype == torch.float32
@@ -213,7 +234,7 @@ CLOUD = np.ones((4, 3))
         (lambda: metrics.add_s(EYE, ZERO, EYE, ZERO, CLOUD, direction="both"), "direction"),
         (lambda: metrics.add_s(EYE, ZERO, EYE, ZERO, CLOUD[:, :2]), "points"),
         (lambda: metrics.mssd(EYE, ZERO, EYE, ZERO, CLOUD, np.eye(4)), "symmetries"),
-        (lambda: metrics.mssd(EYE, ZERO, EYE, ZERO, CLOUD, np.ones((1, 4, 4))), "T"),
+        (lambda: metrics.mssd(EYE, ZERO, EYE, ZERO, CLOUD, np.ones((1, 4, 4))), "symmetries"),
         (lambda: metrics.mspd(K, EYE, ONE, EYE, -ONE * 3, CLOUD), "t_gt"),
         (lambda: metrics.mspd(K * 0, EYE, ONE, EYE, ONE, CLOUD), "K"),
         (lambda: metrics.projection_2d(K, EYE, ONE, EYE, -ONE * 3, CLOUD), "t_gt.*4 points"),

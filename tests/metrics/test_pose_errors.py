@@ -41,7 +41,12 @@ def test_rotation_error_is_the_angle_between(seed, angle):
 @given(seeds)
 def test_closest_symmetry_and_rotation_error_agree(seed):
     R_1, R_2 = two_rotations(seed, (3,))
-    closest = metrics.closest_symmetry(R_1, R_2, FOURFOLD)
+    t = np.random.default_rng(seed).normal(size=(3, 3))
+    offset = FOURFOLD.copy()
+    offset[1:, :3, 3] = (1, 2, 3)
+    closest, moved = metrics.closest_symmetry(R_1, R_2, t, offset)
+    which = np.abs(closest[:, None] - R_2[:, None] @ FOURFOLD[:, :3, :3]).max((2, 3)).argmin(1)
+    np.testing.assert_allclose(moved, t + (R_2 @ offset[which, :3, 3:])[..., 0], atol=1e-12)
     brute = np.min([metrics.rotation_error(R_1, R_2 @ S[:3, :3]) for S in FOURFOLD], axis=0)
     np.testing.assert_allclose(metrics.rotation_error(R_1, closest), brute, atol=1e-12)
     np.testing.assert_allclose(metrics.rotation_error(R_1, R_2, FOURFOLD), brute, atol=1e-12)
@@ -70,7 +75,9 @@ def test_translation_error(seed):
         (lambda: metrics.rotation_error(EYE * 1.01, EYE), "R_est"),
         (lambda: metrics.rotation_error(EYE, -EYE), "R_gt"),
         (lambda: metrics.axis_error(EYE, EYE, ZERO), "axis"),
-        (lambda: metrics.closest_symmetry(EYE, EYE * 0, FOURFOLD), "R_gt"),
+        (lambda: metrics.closest_symmetry(EYE, EYE, ZERO, FOURFOLD * 2), "symmetries"),
+        (lambda: metrics.rotation_error(EYE, EYE, FOURFOLD * [1, 1, 1.1, 1]), "symmetries"),
+        (lambda: metrics.closest_symmetry(EYE, EYE, ZERO[:2], FOURFOLD), "t_gt"),
         (lambda: metrics.translation_error(ZERO, EYE[:2, :2]), "t_gt"),
         (lambda: metrics.rotation_error(EYE, EYE, EYE), "symmetries"),
         (lambda: metrics.axis_error(EYE, EYE, [0, 1]), "axis"),

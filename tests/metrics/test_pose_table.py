@@ -30,6 +30,14 @@ def test_rows_are_chosen_in_every_column(n, bits):
         np.testing.assert_array_equal(getattr(some, name), getattr(whole, name)[mask])
 
 
+def test_single_rows_are_tables_and_tables_are_not_compared():
+    whole = table(3)
+    assert whole[1].object_id.tolist() == whole[-2].object_id.tolist() == [21]
+    assert [row.object_id.item() for row in whole] == [20, 21, 22]
+    assert whole != table(3)  # identity: arrays have no one truth value
+    assert len({whole, whole}) == 1
+
+
 def test_types_are_the_same_whatever_comes_in():
     poses = table(t=[[1, 2, 3]] * 3, scene_id=np.arange(3, dtype=np.uint8))
     assert poses.t.dtype == poses.time.dtype == np.float64

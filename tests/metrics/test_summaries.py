@@ -64,6 +64,13 @@ def test_mae_and_rmse(errors):
     assert metrics.mean_absolute_error(errors) <= metrics.root_mean_squared_error(errors) + 1e-12
 
 
+def test_no_number_is_too_large():
+    assert metrics.root_mean_squared_error([1e200, 1e200]) == 1e200
+    assert metrics.root_mean_squared_error([0.0]) == 0
+    assert metrics.root_mean_squared_error([1.0, np.inf]) == np.inf
+    assert metrics.auc([1e308, 0], 1e-308) == 0.5
+
+
 @given(angles_)
 def test_bmae_is_the_mean_of_the_means_of_36_bins(pairs):
     errors, angles = np.array(pairs).T
@@ -112,7 +119,8 @@ def test_within_needs_both(errors, seed):
         (lambda: metrics.accuracy([np.nan], 1), "errors.*index 0"),
         (lambda: metrics.accuracy([1, -1], 1), "errors.*index 1"),
         (lambda: metrics.accuracy(["a"], 1), "errors"),
-        (lambda: metrics.accuracy([1.0], np.nan), "threshold"),
+        (lambda: metrics.accuracy([[1.0, 2.0], [3.0]], 1), "errors.*lengths"),
+        (lambda: metrics.accuracy([1.0], np.nan), "threshold:"),
         (lambda: metrics.accuracy([1.0], [1.0, 2.0]), "threshold"),
         (lambda: metrics.accuracy_curve([1.0], [[1.0]]), "threshold"),
         (lambda: metrics.average_recall([1.0], []), "threshold"),
