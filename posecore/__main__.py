@@ -7,8 +7,9 @@ import io
 import json
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,20 @@ ground truth is such a file too, or bop:PATH, the folder of a BOP dataset. A pos
 estimated counts as wrong; of an image with n instances of an object the n surest estimates are
 taken."""
 CURVE_ENDINGS = (".png", ".pdf", ".svg")
+WIDTH = 640.0  # pixels, of BOP's thresholds on MSPD, which grow with the images
+
+
+class Truth(NamedTuple):
+    """What the estimates are measured against."""
+
+    poses: PoseTable
+    images: Collection[tuple[int, int]] | None
+    """(scene id, image id) of the evaluated images; None for those that have poses."""
+    models: Models
+    K: np.ndarray | None
+    """(3, 3), or (G, 3, 3) for each pose."""
+    width: float
+    """Of the images, in pixels."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,7 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
-        warnings.showwarning = lambda message, *_: _note(str(message))
+        warnings.showwarning = lambda message, *_: _note(
+            str(message).replace("rotations='as_read'", "--rotations as_read")
+        )
         try:
             options.command(options)
         except (ValueError, OSError) as error:
@@ -46,7 +63,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m posecore", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m posecore", description="6-DoF object pose estimation."
+    )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     command = commands.add_parser(
         "evaluate", help="measure estimated poses with every metric", description=DESCRIPTION
@@ -72,7 +91,8 @@ def _parser() -> argparse.ArgumentParser:
         choices=("project", "as_read"),
         default="project",
         help="published rotations are not always orthonormal: take the nearest rotation (default), "
-        "or the numbers as they are, to reproduce others' figures",
+        "or the numbers as they are, to reproduce others' distances; then such objects get no "
+        "angles",
     )
     command.add_argument("--objects", metavar="ID", type=int, nargs="+", help="default: all")
     command.add_argument(
@@ -83,23 +103,32 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _evaluate(options: argparse.Namespace) -> None:
-    if options.curve and Path(options.curve).suffix not in CURVE_ENDINGS:
-        fail("--curve", "a file that ends in " + ", ".join(CURVE_ENDINGS), options.curve)
+    _check_outputs(options)
     estimates = read_results(options.estimates, rotations=options.rotations)
     is_dataset = options.ground_truth.startswith("bop:")
-    truth, models, K, width = (_from_dataset if is_dataset else _from_files)(options)
-    errors = evaluation.evaluate(estimates, truth, models, K, options.objects)
-    lines = report.report(errors, width)
+    truth = (_from_dataset if is_dataset else _from_files)(options)
+    wanted = set(truth.poses.object_id.tolist() if options.objects is None else options.objects)
+    models = _to_object_models(truth.models, wanted)
+    errors = evaluation.evaluate(
+        estimates, truth.poses, models, truth.K, options.objects, truth.images
+    )
     _explain(estimates, truth, models, list(errors))
+    lines = report.report(errors, truth.width)
     print(report.to_text(lines))
     if options.json:
         write_bytes(Path(options.json), _to_json(lines))
     if options.curve:
-        write_bytes(Path(options.curve), _draw(errors, Path(options.curve).suffix[1:]))
+        write_bytes(Path(options.curve), _draw(errors, Path(options.curve).suffix[1:].lower()))
 
 
-Truth = tuple[PoseTable, dict[int, evaluation.ObjectModel], np.ndarray | None, float]
-"""Ground truth, models, intrinsics (3, 3) or (G, 3, 3), and the images' width in pixels."""
+def _check_outputs(options: argparse.Namespace) -> None:
+    """Refuse what could not be written in the end, before all the work."""
+    for name in ("curve", "json"):
+        file = getattr(options, name)
+        if file and not Path(file).resolve().parent.is_dir():
+            fail(f"--{name}", "a file in a folder that exists", file)
+    if options.curve and Path(options.curve).suffix.lower() not in CURVE_ENDINGS:
+        fail("--curve", "a file that ends in " + ", ".join(CURVE_ENDINGS), options.curve)
 
 
 def _from_dataset(options: argparse.Namespace) -> Truth:
@@ -111,12 +140,11 @@ def _from_dataset(options: argparse.Namespace) -> Truth:
         targets=options.targets,
         rotations=options.rotations,
     )
-    truth = dataset.ground_truth()
-    images = zip(truth.scene_id.tolist(), truth.image_id.tolist(), strict=True)
+    poses = dataset.ground_truth()
+    images = zip(poses.scene_id.tolist(), poses.image_id.tolist(), strict=True)
     K = np.reshape([dataset.camera(*image).K for image in images], (-1, 3, 3))
     models = Models(options.models) if options.models else dataset.models()
-    shape = dataset[0].shape if len(dataset) else None
-    return truth, _to_object_models(models), K, float(shape[1] if shape else 640)
+    return Truth(poses, dataset.images, models, K, _width(dataset.path / "camera.json"))
 
 
 def _from_files(options: argparse.Namespace) -> Truth:
@@ -125,18 +153,45 @@ def _from_files(options: argparse.Namespace) -> Truth:
     for name in ("split", "targets"):
         if getattr(options, name):
             fail(f"--{name}", "nothing, as the ground truth is no bop:PATH", getattr(options, name))
-    truth = read_results(options.ground_truth, rotations=options.rotations)
-    models = _to_object_models(Models(options.models))
-    return truth, models, *_read_camera(options.camera, Path(options.models))
+    poses = read_results(options.ground_truth, rotations=options.rotations)
+    models = Models(options.models)
+    path = Path(options.camera or Path(options.models).resolve().parent / "camera.json")
+    if not options.camera and not path.is_file():
+        _note(f"no {path}, so no errors in pixels (--camera names another)")
+        return Truth(poses, None, models, None, WIDTH)
+    camera = read_json(path)
+    fx, fy, cx, cy = (read_number(str(path), camera, name) for name in ("fx", "fy", "cx", "cy"))
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    return Truth(poses, None, models, K, _width(path))
 
 
-def _to_object_models(models: Models) -> dict[int, evaluation.ObjectModel]:
+def _width(camera: Path) -> float:
+    """The width of the images in a `camera.json`."""
+    if not camera.is_file():
+        _note(f"no {camera}: images are taken to be {WIDTH:.0f} pixels wide (thresholds of MSPD)")
+        return WIDTH
+    return read_number(str(camera), read_json(camera), "width")
+
+
+def _to_object_models(models: Models, wanted: set[int]) -> dict[int, evaluation.ObjectModel]:
+    """The models of the wanted objects that have a mesh."""
     result = {}
-    for object_id in models.ids:
+    for object_id in sorted(wanted & set(models.ids)):
+        try:
+            points = models.mesh(object_id).vertices
+        except FileNotFoundError as error:
+            _note(str(error))
+            continue
         info = models.info(object_id)
+        extent = float(np.ptp(points, axis=0).max())
+        if not 0.5 < extent / info.diameter < 2:
+            _note(
+                f"object {object_id}: the mesh measures {extent:.4g} m, its diameter is said to be "
+                f"{info.diameter:.4g} m: both should be in millimetres on disk"
+            )
         symmetries = info.symmetries()
         result[object_id] = evaluation.ObjectModel(
-            points=models.mesh(object_id).vertices,
+            points=points,
             diameter=info.diameter,
             centre=info.minimum + info.size / 2,
             size=info.size,
@@ -145,55 +200,62 @@ def _to_object_models(models: Models) -> dict[int, evaluation.ObjectModel]:
     return result
 
 
-def _read_camera(file: str | None, models: Path) -> tuple[np.ndarray | None, float]:
-    """K (3, 3) and the width of the images; None and 640 without a camera file."""
-    path = Path(file) if file else models.resolve().parent / "camera.json"
-    if not file and not path.is_file():
-        _note(f"no {path}, so no errors in pixels (--camera names another)")
-        return None, 640.0
-    camera = read_json(path)
-    fx, fy, cx, cy = (read_number(str(path), camera, name) for name in ("fx", "fy", "cx", "cy"))
-    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), read_number(str(path), camera, "width")
-
-
 def _explain(
-    estimates: PoseTable,
-    truth: PoseTable,
-    models: dict[int, evaluation.ObjectModel],
-    ids: list[int],
+    estimates: PoseTable, truth: Truth, models: dict[int, evaluation.ObjectModel], ids: list[int]
 ) -> None:
-    """Say what was left out, and why."""
+    """Say what was left out, and what looks odd."""
     bare = [i for i in ids if i not in models]
     if bare:
         _note(f"no model of objects {bare}: for them only errors of rotation and translation")
-    strangers = sorted(set(estimates.object_id.tolist()) - set(truth.object_id.tolist()))
+    poses = truth.poses
+    images = truth.images
+    if images is None:
+        images = set(zip(poses.scene_id.tolist(), poses.image_id.tolist(), strict=True))
+    foreign = ~evaluation.in_images(estimates, images)
+    if foreign.any():
+        _note(
+            f"{foreign.sum()} of {len(estimates)} estimates are ignored: "
+            "the ground truth does not have their images"
+        )
+    strangers = sorted(set(estimates.object_id[~foreign].tolist()) - set(poses.object_id.tolist()))
     if strangers:
         _note(f"estimates of objects {strangers} are ignored: the ground truth holds none")
-    for name, table in (("estimates", estimates), ("ground truth", truth)):
-        improper = int((~rotations.is_rotation(table.R)).sum())
-        if improper:
+    for name, table in (("estimates", estimates), ("ground truth", poses)):
+        table = table[np.isin(table.object_id, ids)]
+        improper = ~rotations.is_rotation(table.R)
+        if improper.any():
             _note(
-                f"{improper} of {len(table)} matrices of the {name} are not rotations: no errors "
-                "of angles or boxes (--rotations project takes the nearest rotations)"
+                f"{improper.sum()} of {len(table)} matrices of the {name} are not rotations: no "
+                f"angles and boxes of objects {np.unique(table.object_id[improper]).tolist()} "
+                "(--rotations project takes the nearest rotations)"
             )
+    far = [np.median(np.linalg.norm(table.t, axis=1)) for table in (estimates, poses) if len(table)]
+    if len(far) == 2 and not 1 / 50 < far[0] / far[1] < 50:
+        _note(
+            f"estimates are {far[0]:.3g} m from the camera, the ground truth {far[1]:.3g} m: "
+            "both files should be in millimetres"
+        )
 
 
 def _to_json(lines: list[report.Line]) -> bytes:
+    def number(value: float | None) -> float | None:
+        return value if value is not None and np.isfinite(value) else None  # JSON has no infinity
+
     content: dict = {}
     for line in lines:
         content.setdefault(line.section, {})[line.label] = {
-            "objects": line.objects,
-            "all poses": line.pooled,
-            "mean of objects": line.mean,
+            "objects": {i: number(value) for i, value in line.objects.items()},
+            "all poses": number(line.pooled),
+            "mean of objects": number(line.mean),
         }
-    return (json.dumps(content, indent=1) + "\n").encode()
+    return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
 
 
 def _draw(errors: dict[int, evaluation.ObjectErrors], kind: str) -> bytes:
     curves = {
-        f"object {i}": one.values["add_or_s"]
+        f"object {i}": one.errors["add_or_s"]
         for i, one in errors.items()
-        if "add_or_s" in one.values
+        if "add_or_s" in one.errors
     }
     if not curves:
         fail("--curve", "at least one object with a model", "none")

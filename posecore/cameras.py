@@ -199,6 +199,11 @@ def crop_and_resize_intrinsics(
 
 def _change_pixels(K: Tensor, ax: Tensor, bx: Tensor, ay: Tensor, by: Tensor) -> Tensor:
     """The camera whose pixels are `x' = ax * x + bx`, `y' = ay * y + by`."""
+    try:
+        np.broadcast_shapes(ax.shape, bx.shape, ay.shape, by.shape, K.shape[:-2])
+    except ValueError:
+        given = f"{tuple(K.shape[:-2])} and {tuple(bx.shape)}, {tuple(by.shape)}"
+        fail("K and the crop", "batch dimensions that broadcast", given)
     zero, one = torch.zeros_like(ax + ay), torch.ones_like(ax + ay)
     entries = torch.broadcast_tensors(ax, zero, bx, zero, ay, by, zero, zero, one)
     return torch.stack(entries, dim=-1).unflatten(-1, (3, 3)) @ K

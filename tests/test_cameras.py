@@ -278,6 +278,7 @@ BAD_CALLS = [
     (lambda: cameras.depth_to_points(DEPTH, K, DEPTH[:3] > 0), "mask"),
     (lambda: cameras.depth_to_points(DEPTH, K, DEPTH < 0), "mask"),
     (lambda: cameras.crop_intrinsics(BAD_K, 1, 2), "K"),
+    (lambda: cameras.crop_intrinsics(np.stack([K, K]), [1, 2, 3], 0), "K and the crop"),
     (lambda: cameras.crop_intrinsics(K, np.inf, 2), "x"),
     (lambda: cameras.crop_intrinsics(K, 1, "two"), "y"),
     (lambda: cameras.resize_intrinsics(BAD_K, (4, 3), (2, 1)), "K"),

@@ -110,12 +110,60 @@ def test_without_a_camera_there_are_no_pixels(files, capsys):
         (["--camera", "nowhere.json"], "nowhere.json"),
         (["--split", "test"], "--split"),
         (["--curve", "curve.bmpx"], "--curve"),
-        (["--curve", "curve.png", "--objects", "2"], "--curve.*model"),
+        (["--curve", "curve.PNG", "--objects", "2"], "--curve.*model"),
+        (["--curve", "nowhere/curve.png"], "--curve.*folder"),
+        (["--json", "nowhere/out.json"], "--json.*folder"),
     ],
 )
 def test_wrong_options_are_named(files, capsys, options, message):
     assert evaluate(files, *options) == 2
     assert re.search(message, capsys.readouterr().err)
+
+
+def test_foreign_images_are_told_of_and_ignored(files, capsys):
+    assert evaluate(files) == 0
+    expected, _ = capsys.readouterr()
+    foreign = f"\n9,0,1,1,{EYE},0 0 1000,-1\n1,77,1,1,{EYE},0 0 1000,-1"
+    (files / "est.csv").write_text((files / "est.csv").read_text() + foreign)
+    assert evaluate(files) == 0
+    out, err = capsys.readouterr()
+    assert out == expected
+    assert "2 of 8 estimates are ignored" in err
+
+
+def test_metres_are_noticed(files, capsys):
+    text = (files / "est.csv").read_text().replace("3 0 1000", "0.003 0 1")
+    (files / "est.csv").write_text(text)
+    assert evaluate(files) == 0
+    assert "should be in millimetres" in capsys.readouterr().err
+
+
+def test_a_mesh_in_metres_is_noticed(files, capsys):
+    path = files / "models" / "obj_000001.ply"
+    path.write_text(path.read_text().replace("100", "0.1"))
+    assert evaluate(files) == 0
+    assert "object 1: the mesh measures 0.0001 m" in capsys.readouterr().err
+
+
+def test_objects_that_are_not_asked_for_need_no_mesh(files, capsys):
+    path = files / "models" / "models_info.json"
+    info = json.loads(path.read_text())
+    path.write_text(json.dumps(info | {"2": info["1"]}))
+    assert evaluate(files, "--objects", "1") == 0
+    assert "obj_000002" not in capsys.readouterr().err
+    assert evaluate(files) == 0
+    _, err = capsys.readouterr()
+    assert "obj_000002.ply: no such file" in err
+    assert "no model of objects [2]" in err
+
+
+def test_values_that_json_has_no_word_for(files, capsys):
+    """Estimates behind the camera have infinite errors in pixels."""
+    (files / "est.csv").write_text((files / "est.csv").read_text().replace(" 1000,", " -1000,"))
+    assert evaluate(files, "--json", str(files / "out.json")) == 0
+    content = json.loads((files / "out.json").read_text(), parse_constant=pytest.fail)
+    assert content["median of the estimated"]["MSPD, px"]["objects"]["1"] is None
+    assert cells(capsys.readouterr().out, "median", "MSPD, px")[0] == "inf"
 
 
 @pytest.mark.parametrize("name", ["est.csv", "gt.csv", "camera.json", "models/obj_000001.ply",

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import operator
 import os
+from collections import Counter
 from functools import cached_property
 from pathlib import Path
 
@@ -54,7 +55,8 @@ class BopDataset(Dataset):
         path: the dataset's folder.
         split: name of the split's folder, such as "test" or "train_pbr"; None if there is only one.
         targets: a file such as "test_targets_bop19.json", by its path or its name in the dataset's
-            folder: only the images and the objects that it lists.
+            folder: only the images and the objects that it lists; of several instances of an
+            object the `inst_count` most visible ones, if visible fractions are known.
         rotations: "project" turns rotations that are slightly off into the nearest ones and warns
             once per file if they are noticeably off; "as_read" leaves them, to reproduce the
             figures of others.
@@ -132,6 +134,11 @@ class BopDataset(Dataset):
         """The objects that occur in the images, in ascending order; reads all scenes' poses."""
         return tuple(np.unique(self.ground_truth().object_id).tolist())
 
+    @property
+    def images(self) -> list[tuple[int, int]]:
+        """(scene id, image id) of every view."""
+        return list(self._index)
+
     def ground_truth(self) -> PoseTable:
         """All poses of the split, in the order of the views; no image is read for it."""
         keys = [(*key, row) for key in self._index for row in self._rows(*key)]
@@ -208,7 +215,14 @@ class BopDataset(Dataset):
         if self._targets is None:
             return list(rows)
         wanted = self._targets[scene_id, image_id]
-        return [row for row in rows if annotations.object_id[row] in wanted]
+        chosen: list[int] = []
+        for object_id, count in wanted.items():
+            instances = [row for row in rows if annotations.object_id[row] == object_id]
+            if annotations.visible_fraction is not None:
+                instances.sort(key=lambda row: -annotations.visible_fraction[row])
+                instances = instances[:count]
+            chosen += instances
+        return sorted(chosen)
 
     def _annotations_of(self, scene_id: int) -> Annotations:
         if scene_id not in self._annotations:
@@ -227,21 +241,23 @@ class BopDataset(Dataset):
                 raise ValueError(f"{path}: image {image_id} has poses, but no camera")
         for (scene, image_id), wanted in (self._targets or {}).items():
             rows = annotations.rows.get(image_id, range(0))
-            if scene == scene_id and (lost := wanted - {*annotations.object_id[rows].tolist()}):
+            there = Counter(annotations.object_id[rows].tolist())
+            lost = [object_id for object_id, n in wanted.items() if there[object_id] < n]
+            if scene == scene_id and lost:
                 raise ValueError(
-                    f"{path}: image {image_id} lacks the target objects {sorted(lost)}"
+                    f"{path}: image {image_id} has too few of the target objects {sorted(lost)}"
                 )
         return annotations
 
-    def _read_targets(self, targets: str | Path) -> dict[tuple[int, int], set[int]]:
-        """The objects that a targets file lists, by scene and image."""
+    def _read_targets(self, targets: str | Path) -> dict[tuple[int, int], dict[int, int]]:
+        """The objects that a targets file lists, and how many of each, by scene and image."""
         path = self.path / targets
         if not path.is_file():
             path = Path(targets)
         entries = read_json(path)
         if not isinstance(entries, list):
             raise ValueError(f"{path}: expected a list of targets, got a {type(entries).__name__}")
-        wanted: dict[tuple[int, int], set[int]] = {}
+        wanted: dict[tuple[int, int], dict[int, int]] = {}
         for number, entry in enumerate(entries):
             where = f"{path}: target {number}"
             scene_id, image_id, object_id = (
@@ -251,7 +267,10 @@ class BopDataset(Dataset):
                 raise ValueError(
                     f"{where}: scene {scene_id}, image {image_id} is not in {self.split}"
                 )
-            wanted.setdefault((scene_id, image_id), set()).add(object_id)
+            count = read_integer(where, entry, "inst_count") if "inst_count" in entry else 1
+            if count < 1:
+                raise ValueError(f"{where}: inst_count: expected at least 1, got {count}")
+            wanted.setdefault((scene_id, image_id), {})[object_id] = count
         return wanted
 
 

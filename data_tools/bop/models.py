@@ -47,7 +47,7 @@ class ModelInfo:
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
-        set_field(self, "diameter", require_number("diameter", self.diameter, 0))
+        set_field(self, "diameter", require_number("diameter", self.diameter, above=0))
         for name in ("minimum", "size"):
             set_field(self, name, np.asarray(getattr(self, name), np.float64))
             if getattr(self, name).shape != (3,) or not np.isfinite(getattr(self, name)).all():

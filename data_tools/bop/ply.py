@@ -99,6 +99,8 @@ def _check_rows(path: Path, rows: list[bytes], elements: dict[str, tuple[int, li
     What follows the last line end is no row: without it, the last number may have been cut.
     """
     announced = sum(count for count, _ in elements.values())
+    if len(rows) == announced and rows[-1].strip():
+        raise ValueError(f"{path}: damaged PLY: no line end after the last row, it may be cut")
     if len(rows) - 1 < announced or b"".join(rows[announced:]).strip():
         raise ValueError(f"{path}: damaged PLY: {announced} rows announced, got {len(rows) - 1}")
     position = 0

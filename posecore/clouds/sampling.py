@@ -88,7 +88,10 @@ def gather_points(values: Array, indices: Array) -> Array:
 def to_indices(indices: Array, device: torch.device) -> Tensor:
     """The argument `indices` of a public function as an int64 tensor."""
     if not isinstance(indices, Tensor):
-        array = np.array(indices)
+        try:
+            array = np.array(indices)
+        except ValueError:
+            fail("indices", "integers", "rows of different lengths")
         if array.dtype.kind not in "iu":
             fail("indices", "integers", f"dtype {array.dtype}")
         indices = torch.from_numpy(array.astype(np.int64))

@@ -261,7 +261,7 @@ def _nearest(
 def _enough(pairs: _Pairs, limit: float) -> _Pairs:
     if len(pairs.source) < 3:
         fail(
-            "max_distance",
+            "max_distance" if np.isfinite(limit) else "source",
             f"at least 3 pairs within {limit:.4g}",
             f"{len(pairs.source)} of {pairs.sought} points with a partner",
         )

@@ -317,7 +317,7 @@ def refine(**changes):
         (lambda: run(method="point_to_plane", target_normals=2 * NORMALS), "target_normals:"),
         (lambda: run(target_normals=NORMALS[:9]), "target_normals:"),
         (lambda: run(t=[9, 9, 9], max_distance=0.5), "max_distance: expected at least 3 pairs"),
-        (lambda: run(source=CLOUD[:2]), "max_distance: expected at least 3 pairs"),
+        (lambda: run(source=CLOUD[:2]), "source: expected at least 3 pairs"),
         (lambda: run(max_distance=0), "max_distance:"),
         (lambda: run(max_distance=[]), "max_distance:"),
         (lambda: run(max_distance=[0.1, 0.2]), "max_distance: expected distances from coarse"),

@@ -130,6 +130,27 @@ def test_targets(tree, absolute):
     assert dataset.ground_truth().object_id.tolist() == [2, 2]
 
 
+def test_targets_count_the_most_visible_instances(tree):
+    """Of object 2 in image 4, poses 1 (hidden) and 2 (seen), one is a target."""
+    tree.json["test_targets"] = [{"scene_id": 1, "im_id": 4, "obj_id": 2, "inst_count": 1}]
+    tree.save()
+    dataset = BopDataset(tree.path, "test", targets="test_targets.json")
+    assert dataset.images == [(1, 4)]
+    (item,) = dataset[0].objects
+    assert item.visible_fraction == 0.75
+    np.testing.assert_array_equal(item.mask, tree.masks["mask_visib", "000004_000002"] > 0)
+
+
+def test_every_image_has_its_camera(tree):
+    dataset = BopDataset(tree.path, "test")
+    for view, image in zip(dataset, dataset.images, strict=True):
+        assert (view.scene_id, view.image_id) == image
+        np.testing.assert_array_equal(dataset.camera(*image).K, view.K)
+    for image in ((1, 5), (3, 4)):
+        with pytest.raises(ValueError, match="image_id: expected an image of scene"):
+            dataset.camera(*image)
+
+
 def test_images_and_poses_are_read_when_asked_for(tree, monkeypatch):
     read = []
 
@@ -340,7 +361,9 @@ def test_poses_of_an_image_without_a_camera(tree):
         ([{"scene_id": 1, "im_id": "4", "obj_id": 1}], "target 0: im_id: expected an integer"),
         ([{"scene_id": 3, "im_id": 4, "obj_id": 1}], "target 0: scene 3, image 4 is not in test"),
         ([{"scene_id": 1, "im_id": 5, "obj_id": 1}], "target 0: scene 1, image 5 is not in test"),
-        ([{"scene_id": 1, "im_id": 10, "obj_id": 1}], r"image 10 lacks the target objects \[1\]"),
+        ([{"scene_id": 1, "im_id": 10, "obj_id": 1}], r"image 10 has too few of the target .*\[1\]"),
+        ([{"scene_id": 1, "im_id": 4, "obj_id": 2, "inst_count": 3}], r"too few .* \[2\]"),
+        ([{"scene_id": 1, "im_id": 4, "obj_id": 2, "inst_count": 0}], "inst_count: .* at least 1"),
     ],
 )
 def test_targets_that_do_not_fit(tree, targets, message):
