@@ -18,6 +18,7 @@ from posecore.arrays import (
     require_choice,
     require_integer,
     require_number,
+    to_numbers,
 )
 
 
@@ -304,6 +305,37 @@ def test_bad_input(call: Callable, message: str) -> None:
 
 
 # Single values --------------------------------------------------------------------------------
+
+
+@given(st.sampled_from("abcde"), st.sets(st.sampled_from("abcde"), min_size=1))
+def test_choices_pass_and_others_do_not(value: str, choices: set[str]) -> None:
+    if value in choices:
+        require_choice("way", value, sorted(choices))
+    else:
+        with pytest.raises(ValueError, match=f"^way: expected one of .*, got '{value}'$"):
+            require_choice("way", value, sorted(choices))
+
+
+@given(st.text(max_size=9), st.text(max_size=9), st.one_of(st.none(), st.integers(), st.text()))
+def test_fail_says_all_it_is_given(name: str, expected: str, got: object) -> None:
+    with pytest.raises(ValueError) as caught:
+        fail(name, expected, got)
+    assert str(caught.value) == f"{name}: expected {expected}, got {got}"
+
+
+@given(
+    hnp.arrays(
+        st.sampled_from([np.float32, np.int16, np.float64]), (3, 2), elements=st.integers(-9, 9)
+    )
+)
+def test_numbers_of_any_kind_become_float64(a: np.ndarray) -> None:
+    for kind in (a, a.tolist(), torch.from_numpy(a), torch.from_numpy(a).double().requires_grad_()):
+        out = to_numbers("a", kind)
+        assert out.dtype == np.float64
+        assert np.array_equal(out, a)
+    for bad in ([[1], [1, 2]], ["1"], [None], np.ones(2, bool), 1j):
+        with pytest.raises(ValueError, match="^a: expected an array of numbers"):
+            to_numbers("a", bad)
 
 
 @given(st.integers(-10, 10), st.integers(-10, 10), st.integers(-10, 10))

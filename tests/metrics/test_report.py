@@ -108,3 +108,21 @@ def test_the_order_of_the_poses_does_not_matter(add, turn):
     together = summarise([errors(add[:1]), errors(add[1:] or add[:1])])
     if len(add) > 1:
         assert together == pytest.approx(one)
+
+
+@given(
+    st.dictionaries(st.integers(1, 40), st.lists(st.floats(0, 9), min_size=1), min_size=1),
+    st.integers(40, 200),
+)
+def test_every_value_is_printed_once_and_fits(objects, width):
+    lines = report({i: errors(add) for i, add in sorted(objects.items())})
+    text = to_text(lines, width)
+    cells = [
+        c
+        for row in text.splitlines()
+        if row.startswith("  ") and "obj" not in row
+        for c in row[24:].split()
+    ]
+    columns = len(objects) + (2 if len(objects) > 1 else 0)
+    assert len(cells) == len(lines) * columns
+    assert all(len(row) <= max(width, 24 + 20) for row in text.splitlines() if row.startswith("  "))

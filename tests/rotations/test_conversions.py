@@ -213,6 +213,14 @@ def test_6d_has_columns() -> None:
     )
 
 
+@given(st.integers(0, 2**32 - 1), st.integers(0, 5))
+def test_6d_there_and_back(seed: int, n: int) -> None:
+    R = Rotation.random(n, rng=np.random.default_rng(seed)).as_matrix()
+    six = matrix_to_rotation_6d(R)
+    assert np.array_equal(six, np.concatenate([R[..., 0], R[..., 1]], axis=-1))
+    assert np.abs(rotation_6d_to_matrix(six) - R).max(initial=0) < ROUNDING
+
+
 def test_6d_like_roma() -> None:
     six = np.random.default_rng(4).normal(size=(100, 6))
     theirs = roma.special_gramschmidt(torch.from_numpy(six).reshape(-1, 2, 3).mT).numpy()

@@ -361,7 +361,10 @@ def test_poses_of_an_image_without_a_camera(tree):
         ([{"scene_id": 1, "im_id": "4", "obj_id": 1}], "target 0: im_id: expected an integer"),
         ([{"scene_id": 3, "im_id": 4, "obj_id": 1}], "target 0: scene 3, image 4 is not in test"),
         ([{"scene_id": 1, "im_id": 5, "obj_id": 1}], "target 0: scene 1, image 5 is not in test"),
-        ([{"scene_id": 1, "im_id": 10, "obj_id": 1}], r"image 10 has too few of the target .*\[1\]"),
+        (
+            [{"scene_id": 1, "im_id": 10, "obj_id": 1}],
+            r"image 10 has too few of the target .*\[1\]",
+        ),
         ([{"scene_id": 1, "im_id": 4, "obj_id": 2, "inst_count": 3}], r"too few .* \[2\]"),
         ([{"scene_id": 1, "im_id": 4, "obj_id": 2, "inst_count": 0}], "inst_count: .* at least 1"),
     ],

@@ -1,6 +1,8 @@
 import errno
 import json
 import os
+import tempfile
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -259,3 +261,22 @@ def test_disk_full_in_the_middle_of_writing(tmp_path):
             write_bytes(path, b"new" * 100_000)
     assert path.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["results.csv"]
+
+
+@given(
+    st.sets(st.sampled_from([".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"])),
+    st.integers(0, 10**7),
+)
+def test_an_image_is_found_by_its_number_alone(suffixes, number):
+    with tempfile.TemporaryDirectory() as name:
+        folder, stem = Path(name), f"{number:06d}"
+        for suffix in suffixes:
+            (folder / (stem + suffix)).touch()
+        if suffixes - {".bmp"}:
+            found = find_image(folder, stem)
+            assert found.parent == folder
+            assert found.stem == stem
+            assert found.suffix in suffixes
+        else:
+            with pytest.raises(FileNotFoundError, match=stem):
+                find_image(folder, stem)

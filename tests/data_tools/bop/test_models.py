@@ -1,4 +1,6 @@
 import math
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -256,3 +258,29 @@ def test_symmetries_with_noise_are_projected(tree):
     tree.save()
     symmetry = Models(tree.path / "models").info(1).symmetries_discrete[0]
     np.testing.assert_allclose(symmetry @ symmetry, np.eye(4), atol=1e-14)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(4, 12))
+def test_a_model_is_read_as_it_was_written(seed, n):
+    """Millimetres on disk, metres here; what no models_info says is measured."""
+    rng = np.random.default_rng(seed)
+    vertices = rng.normal(0, 50, (n, 3)).round(3)
+    faces = [rng.choice(n, 3, replace=False) for _ in range(3)]
+    rows = [" ".join(map(str, v)) for v in vertices.tolist()] + [
+        f"3 {a} {b} {c}" for a, b, c in faces
+    ]
+    head = [
+        "ply", "format ascii 1.0", f"element vertex {n}",
+        *(f"property double {axis}" for axis in "xyz"),
+        "element face 3", "property list uchar int vertex_indices", "end_header",
+    ]  # fmt: skip
+    with tempfile.TemporaryDirectory() as name:
+        Path(name, "obj_000007.ply").write_text("\n".join(head + rows) + "\n")
+        models = Models(name)
+        mesh, found = models.mesh(7), models.info(7)
+    assert models.ids == (7,)
+    np.testing.assert_allclose(mesh.vertices, vertices / 1000, rtol=1e-12)
+    np.testing.assert_array_equal(mesh.faces, faces)
+    np.testing.assert_allclose(found.size, np.ptp(vertices, axis=0) / 1000, rtol=1e-12)
+    gaps = np.linalg.norm(vertices[:, None] - vertices, axis=-1)
+    assert found.diameter == pytest.approx(gaps.max() / 1000)
