@@ -61,9 +61,10 @@ def geodesic_distance(R_1: Array, R_2: Array) -> Array:
     """
     require_rotation("R_1", R_1)
     require_rotation("R_2", R_2)
-    R = R_1.mT @ R_2
-    sine = torch.linalg.vector_norm(vee(R), dim=-1)
-    cosine = (R.diagonal(dim1=-2, dim2=-1).sum(-1) - 1) / 2
+    R_1, R_2 = torch.broadcast_tensors(R_1, R_2)
+    # Both in terms of rows, which is several times as fast as the product of many small matrices.
+    sine = torch.linalg.vector_norm(torch.linalg.cross(R_1, R_2).sum(-2), dim=-1) / 2
+    cosine = ((R_1 * R_2).sum((-2, -1)) - 1) / 2
     return torch.atan2(sine, cosine)
 
 
