@@ -16,9 +16,10 @@ import numpy as np
 # The one module of posecore that may know data_tools: it joins files with metrics.
 import data_tools
 from data_tools.bop import Models, read_results
-from data_tools.bop.files import read_json, read_number, write_bytes
+from data_tools.bop.files import read_json, read_number
 from posecore import figures, rotations
 from posecore.arrays import fail
+from posecore.files import write_bytes
 from posecore.metrics import evaluation, report
 from posecore.metrics.pose_table import PoseTable
 
@@ -259,9 +260,11 @@ def _draw(errors: dict[int, evaluation.ObjectErrors], kind: str) -> bytes:
     }
     if not curves:
         fail("--curve", "at least one object with a model", "none")
+    everything = None
     if len(curves) > 1:
-        curves["all poses"] = np.concatenate(list(curves.values()))
-    figure = figures.accuracy_curves(curves, name="ADD(-S)")
+        everything = "all poses"
+        curves[everything] = np.concatenate(list(curves.values()))
+    figure = figures.accuracy_curves(curves, name="ADD(-S)", highlight=everything)
     buffer = io.BytesIO()
     figure.savefig(buffer, format=kind, dpi=150)
     return buffer.getvalue()

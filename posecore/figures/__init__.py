@@ -1,0 +1,23 @@
+"""Figures: curves, pictures with poses drawn in, point clouds, and a 3D viewer for pages."""
+
+from posecore.figures.clouds3d import point_clouds
+from posecore.figures.curves import accuracy_curves, error_histogram
+from posecore.figures.images import picture, picture_grid, pose_picture
+from posecore.figures.overlays import draw_axes, draw_box, draw_keypoints, draw_outline
+from posecore.figures.style import Picture
+from posecore.figures.viewer import Viewer
+
+__all__ = [
+    "Picture",
+    "Viewer",
+    "accuracy_curves",
+    "draw_axes",
+    "draw_box",
+    "draw_keypoints",
+    "draw_outline",
+    "error_histogram",
+    "picture",
+    "picture_grid",
+    "point_clouds",
+    "pose_picture",
+]
