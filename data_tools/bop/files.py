@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
-import secrets
 import sys
 import zlib
 from pathlib import Path
@@ -29,7 +27,6 @@ __all__ = [
     "read_number",
     "read_numbers",
     "read_rgb",
-    "write_bytes",
 ]
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -201,24 +198,3 @@ def _entry(where: str, entry: Any, key: str) -> Any:
 def _short(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 80 else text[:77] + "..."
-
-
-def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file so that, whatever happens, the old or the whole new one is there, never a part.
-
-    Raises:
-        OSError: if it cannot be written; the old file is untouched and nothing else is left.
-    """
-    path = Path(path)
-    # In the same folder, since a rename is atomic only within one file system.
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
-    try:
-        with temporary.open("xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-        raise

@@ -18,9 +18,10 @@ from typing import NoReturn
 
 import numpy as np
 
-from data_tools.bop.files import read_bytes, write_bytes
+from data_tools.bop.files import read_bytes
 from data_tools.bop.rotations import check_rotations
 from posecore.arrays import fail
+from posecore.files import write_bytes
 from posecore.metrics.pose_table import PoseTable
 
 __all__ = ["read_results", "write_results"]

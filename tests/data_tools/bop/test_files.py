@@ -1,6 +1,4 @@
-import errno
 import json
-import os
 import tempfile
 from pathlib import Path
 
@@ -21,7 +19,6 @@ from data_tools.bop.files import (
     read_number,
     read_numbers,
     read_rgb,
-    write_bytes,
 )
 
 RGB = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
@@ -209,58 +206,6 @@ def test_numbers_of_json_entries(values):
 def test_wrong_json_entries_are_refused(read, message):
     with pytest.raises(ValueError, match=message):
         read()
-
-
-@given(old=st.none() | st.binary(), new=st.binary())
-def test_write_bytes(folder, old, new):
-    path = folder / "written"
-    path.unlink(missing_ok=True)
-    if old is not None:
-        path.write_bytes(old)
-    write_bytes(path, new)
-    assert path.read_bytes() == new
-    assert [p.name for p in folder.iterdir() if p.name.endswith(".tmp")] == []
-
-
-@pytest.mark.parametrize("place", ["os.replace", "os.fsync"])
-@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left"), KeyboardInterrupt()])
-def test_failing_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, place, error):
-    path = tmp_path / "results.csv"
-    path.write_bytes(b"old")
-
-    def fail(*_):
-        raise error
-
-    monkeypatch.setattr(place, fail)
-    with pytest.raises(type(error)):
-        write_bytes(path, b"new" * 1000)
-    assert path.read_bytes() == b"old"
-    assert os.listdir(tmp_path) == ["results.csv"]
-
-
-def test_write_into_a_missing_folder(tmp_path):
-    with pytest.raises(OSError, match="nowhere"):
-        write_bytes(tmp_path / "nowhere" / "a", b"new")
-    assert os.listdir(tmp_path) == []
-
-
-def test_disk_full_in_the_middle_of_writing(tmp_path):
-    """A file system with no room at all: the write itself fails, not the rename."""
-    if not os.path.exists("/dev/full"):
-        pytest.skip("no /dev/full on this system")
-    path = tmp_path / "results.csv"
-    path.write_bytes(b"old")
-    real_open = type(path).open
-
-    def open_full(self, mode):
-        return real_open(type(path)("/dev/full"), "wb", buffering=0)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(type(path), "open", open_full)
-        with pytest.raises(OSError, match="No space left"):
-            write_bytes(path, b"new" * 100_000)
-    assert path.read_bytes() == b"old"
-    assert os.listdir(tmp_path) == ["results.csv"]
 
 
 @given(

@@ -1,0 +1,1 @@
+"""What only chapters use: checks of exercises, the ledger of claims, source on the page."""
