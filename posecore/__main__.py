@@ -7,7 +7,7 @@ import io
 import json
 import sys
 import warnings
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,8 +38,8 @@ class Truth(NamedTuple):
     """What the estimates are measured against."""
 
     poses: PoseTable
-    images: Collection[tuple[int, int]] | None
-    """(scene id, image id) of the evaluated images; None for those that have poses."""
+    images: list[tuple[int, int]]
+    """(scene id, image id) of the evaluated images, some of which may hold no object."""
     models: Models
     K: np.ndarray | None
     """(3, 3), or (G, 3, 3) for each pose."""
@@ -142,10 +142,15 @@ def _from_dataset(options: argparse.Namespace) -> Truth:
         rotations=options.rotations,
     )
     poses = dataset.ground_truth()
-    images = zip(poses.scene_id.tolist(), poses.image_id.tolist(), strict=True)
-    K = np.reshape([dataset.camera(*image).K for image in images], (-1, 3, 3))
+    K = np.reshape([dataset.camera(*image).K for image in poses.images], (-1, 3, 3))
     models = Models(options.models) if options.models else dataset.models()
-    return Truth(poses, dataset.images, models, K, _width(dataset.path / "camera.json"))
+    path = dataset.path / "camera.json"
+    if path.is_file():
+        return Truth(
+            poses, dataset.images, models, K, read_number(str(path), read_json(path), "width")
+        )
+    _note(f"no {path}: images are taken to be {WIDTH:.0f} pixels wide (thresholds of MSPD)")
+    return Truth(poses, dataset.images, models, K, WIDTH)
 
 
 def _from_files(options: argparse.Namespace) -> Truth:
@@ -159,19 +164,11 @@ def _from_files(options: argparse.Namespace) -> Truth:
     path = Path(options.camera or Path(options.models).resolve().parent / "camera.json")
     if not options.camera and not path.is_file():
         _note(f"no {path}, so no errors in pixels (--camera names another)")
-        return Truth(poses, None, models, None, WIDTH)
+        return Truth(poses, poses.images, models, None, WIDTH)
     camera = read_json(path)
     fx, fy, cx, cy = (read_number(str(path), camera, name) for name in ("fx", "fy", "cx", "cy"))
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    return Truth(poses, None, models, K, _width(path))
-
-
-def _width(camera: Path) -> float:
-    """The width of the images in a `camera.json`."""
-    if not camera.is_file():
-        _note(f"no {camera}: images are taken to be {WIDTH:.0f} pixels wide (thresholds of MSPD)")
-        return WIDTH
-    return read_number(str(camera), read_json(camera), "width")
+    return Truth(poses, poses.images, models, K, read_number(str(path), camera, "width"))
 
 
 def _to_object_models(models: Models, wanted: set[int]) -> dict[int, evaluation.ObjectModel]:
@@ -209,10 +206,7 @@ def _explain(
     if bare:
         _note(f"no model of objects {bare}: for them only errors of rotation and translation")
     poses = truth.poses
-    images = truth.images
-    if images is None:
-        images = set(zip(poses.scene_id.tolist(), poses.image_id.tolist(), strict=True))
-    foreign = ~evaluation.in_images(estimates, images)
+    foreign = ~evaluation.in_images(estimates, truth.images)
     if foreign.any():
         _note(
             f"{foreign.sum()} of {len(estimates)} estimates are ignored: "

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from torch import Tensor
 
-from posecore.arrays import Array, fail, require_choice, require_integer, require_number
+from posecore.arrays import Array, fail, require_choice, require_integer, require_number, to_numbers
 from posecore.figures.style import COLOURS, STYLES, Picture, new_picture
 from posecore.metrics import auc
 
@@ -161,8 +160,7 @@ def _read(errors: Mapping[str, Array]) -> dict[str, np.ndarray]:
     result = {}
     for label, values in errors.items():
         auc(values, 1.0)  # refuses what is no error
-        values = values.detach().cpu() if isinstance(values, Tensor) else values
-        result[label] = np.asarray(values, dtype=np.float64)
+        result[label] = to_numbers("errors", values)
     return result
 
 

@@ -82,8 +82,7 @@ class ObjectErrors:
 def in_images(table: PoseTable, images: Collection[tuple[int, int]]) -> np.ndarray:
     """Which rows belong to one of the images, given as (scene id, image id): (N,) booleans."""
     wanted = set(images)
-    keys = zip(table.scene_id.tolist(), table.image_id.tolist(), strict=True)
-    return np.array([key in wanted for key in keys], dtype=bool)
+    return np.array([image in wanted for image in table.images], dtype=bool)
 
 
 def match(estimates: PoseTable, ground_truth: PoseTable) -> np.ndarray:
@@ -131,16 +130,14 @@ def evaluate(
         ValueError: if there is no ground truth in the images, or an id of `objects` is not in it;
             or for what is wrong with one object, whose id it names.
     """
-    everywhere = zip(ground_truth.scene_id.tolist(), ground_truth.image_id.tolist(), strict=True)
-    images = set(everywhere) if images is None else set(images)
+    images = set(ground_truth.images if images is None else images)
+    rows = in_images(ground_truth, images)
     if K is not None:
         K = np.asarray(K, dtype=np.float64)
         if K.shape not in ((3, 3), (len(ground_truth), 3, 3)):
             fail("K", f"shape (3, 3) or ({len(ground_truth)}, 3, 3)", f"shape {K.shape}")
-        K = np.broadcast_to(K, (len(ground_truth), 3, 3))
-        K = K[in_images(ground_truth, images)]
-    estimates = estimates[in_images(estimates, images)]
-    ground_truth = ground_truth[in_images(ground_truth, images)]
+        K = np.broadcast_to(K, (len(ground_truth), 3, 3))[rows]
+    estimates, ground_truth = estimates[in_images(estimates, images)], ground_truth[rows]
     known = np.unique(ground_truth.object_id).tolist()
     wanted = known if objects is None else sorted(set(objects))
     if not known:
@@ -249,7 +246,6 @@ def _fill(found: np.ndarray, values: np.ndarray, missing: float) -> np.ndarray:
 def _rows_by_key(table: PoseTable) -> dict[tuple[int, int, int], list[int]]:
     """(scene, image, object) -> its rows."""
     rows = defaultdict(list)
-    keys = np.stack([table.scene_id, table.image_id, table.object_id], axis=-1)
-    for row, key in enumerate(keys.tolist()):
-        rows[tuple(key)].append(row)
+    for row, (image, object_id) in enumerate(zip(table.images, table.object_id, strict=True)):
+        rows[*image, int(object_id)].append(row)
     return rows

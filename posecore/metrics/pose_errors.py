@@ -14,7 +14,8 @@ from torch import Tensor
 
 from posecore import poses
 from posecore.arrays import Array, array_function, fail
-from posecore.rotations import geodesic_distance, require_rotation
+from posecore.rotations import require_rotation
+from posecore.rotations.so3 import relative_angle
 
 __all__ = [
     "axis_error",
@@ -43,7 +44,7 @@ def rotation_error(R_est: Array, R_gt: Array, symmetries: Array | None = None) -
     require_rotation("R_gt", R_gt)
     if symmetries is not None:
         R_gt, _ = closest_symmetry(R_est, R_gt, R_gt.new_zeros(3), symmetries)
-    return geodesic_distance(R_est, R_gt)
+    return relative_angle(R_est, R_gt)
 
 
 @array_function(R_est="... 3 3", R_gt="... 3 3", axis="3")

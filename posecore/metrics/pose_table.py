@@ -53,6 +53,11 @@ class PoseTable:
                 fail(field.name, "finite values", f"one that is not in row {row}")
             object.__setattr__(self, field.name, array)
 
+    @property
+    def images(self) -> list[tuple[int, int]]:
+        """(scene id, image id) of every row."""
+        return list(zip(self.scene_id.tolist(), self.image_id.tolist(), strict=True))
+
     def __len__(self) -> int:
         return len(self.object_id)
 

@@ -16,6 +16,7 @@ from posecore.arrays import (
     require_choice,
     require_integer,
     require_number,
+    to_numbers,
 )
 from posecore.cameras import depth_to_points
 from posecore.registration.alignment import umeyama
@@ -103,8 +104,8 @@ def icp(
             fail("target_normals", "unit normals for point_to_plane", None)
         _require_unit("target_normals", target_normals)
     stages = [np.inf] if max_distance is None else _schedule(max_distance)
-    points, scene = _float64(source), _float64(target)
-    normals = _float64(target_normals) if to_planes else None
+    points, scene = to_numbers("source", source), to_numbers("target", target)
+    normals = to_numbers("target_normals", target_normals) if to_planes else None
     keep = require_number("keep", keep, high=1, above=0)
     tree = cKDTree(scene)
 
@@ -160,12 +161,15 @@ def refine_on_depth(
     require_rotation("R", R)
     _require_unit("model_normals", model_normals)
     keep = require_number("keep", keep, high=1, above=0)
-    points, normals = _float64(model_points), _float64(model_normals)
+    points, normals = (
+        to_numbers("model_points", model_points),
+        to_numbers("model_normals", model_normals),
+    )
     radius = _radius(points)
     if max_distance is None:
         max_distance = [0.3 * radius, 0.2 * radius, 0.1 * radius]
     stages = _schedule(max_distance)
-    centre = _float64(R) @ _middle(points) + _float64(t)
+    centre = to_numbers("R", R) @ _middle(points) + to_numbers("t", t)
     # Twice: the surface may be off by the first distance, and find its partners as far again.
     scene = _points_near(depth, K, centre, radius + 2 * stages[0])
     tree = cKDTree(scene)
@@ -183,7 +187,7 @@ def refine_on_depth(
 def _points_near(depth: Tensor, K: Tensor, centre: np.ndarray, reach: float) -> np.ndarray:
     slab = (depth > 0) & ((depth - centre[2]).abs() <= reach)
     if bool(slab.any()):
-        points = _float64(depth_to_points(depth, K, slab))
+        points = to_numbers("depth", depth_to_points(depth, K, slab))
         points = points[np.linalg.norm(points - centre, axis=1) <= reach]
         if len(points):
             return points
@@ -204,7 +208,7 @@ def _iterate(
     max_iterations = require_integer("max_iterations", max_iterations, 1)
     still = require_number("tolerance", tolerance, 0) * radius
     # A product of rotations stays as orthonormal as its first factor.
-    R, t = special_procrustes(_float64(R_first)), _float64(t_first)
+    R, t = special_procrustes(to_numbers("R", R_first)), to_numbers("t", t_first)
     iterations, converged = 0, False
     for limit in stages:
         for _ in range(max_iterations):
@@ -290,7 +294,3 @@ def _middle(points: np.ndarray) -> np.ndarray:
 
 def _radius(points: np.ndarray) -> float:
     return float(np.linalg.norm(points - _middle(points), axis=1).max())
-
-
-def _float64(tensor: Tensor) -> np.ndarray:
-    return tensor.detach().cpu().double().numpy()

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import torch
-from torch import Tensor
 
 from posecore.arrays import (
     Array,
@@ -16,6 +15,7 @@ from posecore.arrays import (
     require_choice,
     require_integer,
     require_number,
+    to_numbers,
 )
 from posecore.cameras import project, require_intrinsics
 from posecore.rotations import require_rotation
@@ -111,7 +111,7 @@ def pnp(
     require_intrinsics("K", K)
     if bool(K[0, 1] != 0):
         fail("K", "no skew", float(K[0, 1]))
-    X, x = _float64(points_3d), _float64(points_2d)
+    X, x = to_numbers("points_3d", points_3d), to_numbers("points_2d", points_2d)
     _require_points(X, x)
 
     threshold = require_number("threshold", threshold, above=0)
@@ -124,7 +124,7 @@ def pnp(
 
     middle = X.mean(0)
     size = float(np.sqrt(np.square(X - middle).sum(1).mean()))
-    points = _Points((X - middle) / size, x, _float64(K))
+    points = _Points((X - middle) / size, x, to_numbers("K", K))
     if method == "ransac":
         pose, inliers = _consensus(points, threshold, confidence, max_iterations, min_inliers, seed)
     else:
@@ -264,7 +264,7 @@ def _start(R: Array | None, t: Array | None, method: str) -> _Pose | None:
         if method != "iterative":
             fail(name, "an initial pose only for iterative", f"one for {method}")
     require_rotation("R", R)
-    return cv2.Rodrigues(_float64(R))[0], _float64(t)[:, None]
+    return cv2.Rodrigues(to_numbers("R", R))[0], to_numbers("t", t)[:, None]
 
 
 def _require_points(X: np.ndarray, x: np.ndarray) -> None:
@@ -285,7 +285,3 @@ def _is_flat(points: np.ndarray) -> bool:
 def _spread(points: np.ndarray) -> np.ndarray:
     """Extent along the principal axes, the longest first."""
     return np.linalg.svd(points - points.mean(0), compute_uv=False)
-
-
-def _float64(tensor: Tensor) -> np.ndarray:
-    return tensor.detach().cpu().double().numpy()

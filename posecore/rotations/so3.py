@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from posecore.arrays import Array, array_function, fail, require_integer
 from posecore.rotations.conversions import quaternion_to_matrix
@@ -61,6 +62,11 @@ def geodesic_distance(R_1: Array, R_2: Array) -> Array:
     """
     require_rotation("R_1", R_1)
     require_rotation("R_2", R_2)
+    return relative_angle(R_1, R_2)
+
+
+def relative_angle(R_1: Tensor, R_2: Tensor) -> Tensor:
+    """`geodesic_distance` of matrices that have been checked."""
     R_1, R_2 = torch.broadcast_tensors(R_1, R_2)
     # Both in terms of rows, which is several times as fast as the product of many small matrices.
     sine = torch.linalg.vector_norm(torch.linalg.cross(R_1, R_2).sum(-2), dim=-1) / 2

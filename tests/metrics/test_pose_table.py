@@ -38,6 +38,11 @@ def test_single_rows_are_tables_and_tables_are_not_compared():
     assert len({whole, whole}) == 1
 
 
+def test_every_row_has_its_image():
+    assert table(3).images == [(0, 10), (1, 11), (2, 12)]
+    assert table(0).images == []
+
+
 def test_types_are_the_same_whatever_comes_in():
     poses = table(t=[[1, 2, 3]] * 3, scene_id=np.arange(3, dtype=np.uint8))
     assert poses.t.dtype == poses.time.dtype == np.float64
