@@ -13,7 +13,15 @@ from matplotlib.ticker import MaxNLocator
 
 from posecore.arrays import Array, fail, require_choice
 from posecore.figures.scene import UNITS, Scene, build_scene, directions
-from posecore.figures.style import AXIS_COLOURS, HALO, INK, MARKERS, Picture, new_picture
+from posecore.figures.style import (
+    AXIS_COLOURS,
+    HALO,
+    INK,
+    MARKERS,
+    Picture,
+    house_style,
+    new_picture,
+)
 
 __all__ = ["AZIMUTH", "ELEVATION", "VIEWS", "draw_scene", "point_clouds"]
 
@@ -66,6 +74,7 @@ def point_clouds(
     return draw_scene(scene, views, unit, alt)
 
 
+@house_style
 def draw_scene(scene: Scene, views: Sequence[str], unit: str, alt: str | None) -> Picture:
     """The figure of a scene; for the arguments see `point_clouds`."""
     require_choice("unit", unit, tuple(UNITS))
@@ -178,13 +187,13 @@ def _draw_compass(panel: Axes, frame: np.ndarray, reach: float, unit: str) -> No
         panel.plot(
             *np.stack([start, start + tip], 1), color=colour, transform=panel.transAxes, lw=1.6
         )
-        look = {"ha": "center", "va": "center", "fontsize": 8, "color": colour}
+        look = {"ha": "center", "va": "center", "fontsize": 9, "color": colour}
         panel.text(*(start + 1.45 * tip), letter, transform=panel.transAxes, **look)
     length = 10.0 ** np.floor(np.log10(reach))
     length *= max(n for n in (0.2, 0.5, 1, 2, 5) if n * length <= 0.6 * reach)
     share = length / (2 * reach)
     panel.plot([0.97 - share, 0.97], [0.04] * 2, color=INK, lw=2, transform=panel.transAxes)
-    text = {"ha": "center", "va": "bottom", "fontsize": 8, "transform": panel.transAxes}
+    text = {"ha": "center", "va": "bottom", "fontsize": 9, "transform": panel.transAxes}
     panel.text(0.97 - share / 2, 0.05, f"{length:g} {unit}", **text)
 
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 
 import numpy as np
 
 from posecore.arrays import Array, fail, require_choice, require_integer, require_number, to_numbers
-from posecore.figures.style import COLOURS, STYLES, Picture, new_picture
+from posecore.figures.style import COLOURS, STYLES, Picture, house_style, new_picture
 from posecore.metrics import auc
 
 __all__ = ["accuracy_curves", "error_histogram"]
 
 
+@house_style
 def accuracy_curves(
     errors: Mapping[str, Array],
     max_threshold: float = 0.1,
@@ -41,10 +43,11 @@ def accuracy_curves(
         ValueError: if there is nothing to draw, or an error is negative or not a number.
     """
     limit = require_number("max_threshold", max_threshold, above=0)
+    scale = require_number("factor", factor, above=0)
     errors = _read(errors)
     areas = {label: 100 * float(auc(values, limit)) for label, values in errors.items()}
     listed = "; ".join(f"{label}: area {area:.1f} %" for label, area in areas.items())
-    default = f"Accuracy over the threshold on {name}, 0 to {limit * factor:g} {unit}. {listed}."
+    default = f"Accuracy over the threshold on {name}, 0 to {limit * scale:g} {unit}. {listed}."
     if highlight is not None:
         require_choice("highlight", highlight, list(errors))
     others = [label for label in errors if label != highlight]
@@ -60,24 +63,19 @@ def accuracy_curves(
         else:
             look = {"color": COLOURS[number % len(COLOURS)], "linewidth": 1.8}
             look["linestyle"] = STYLES[number % len(STYLES)]
-        name_of = f"{label} (area {areas[label]:.1f} %)"
+        name_of = _in_lines(f"{label} (area {areas[label]:.1f} %)")
         if crowd and label != highlight:
             name_of = f"each of {len(others)} others" if number == 0 else None
         values = errors[label]
         ordered = np.sort(values)
         steps = ordered[ordered < limit]
         # Accuracy jumps at every error and stays until the next.
-        x = np.concatenate([[0.0], steps, [limit]]) * factor
+        x = np.concatenate([[0.0], steps, [limit]]) * scale
         y = np.concatenate([np.arange(len(steps) + 1), [len(steps)]]) / len(ordered) * 100
-        axes.step(
-            x,
-            y,
-            where="post",
-            label=name_of,
-            **look,
-        )
+        # Not cut at the upper border, where the best curves run.
+        axes.step(x, y, where="post", label=name_of, clip_on=False, **look)
     axes.set(
-        xlim=(0, limit * factor),
+        xlim=(0, limit * scale),
         ylim=(0, 100),
         xlabel=f"threshold on {name}, {unit}",
         ylabel="poses below the threshold, %",
@@ -90,6 +88,7 @@ def accuracy_curves(
     return figure
 
 
+@house_style
 def error_histogram(
     errors: Mapping[str, Array],
     *,
@@ -133,7 +132,7 @@ def error_histogram(
         finite = np.clip(one[np.isfinite(one)], edges[0], edges[-1])
         counts = np.histogram(finite, edges)[0]
         look = {"color": colour, "linestyle": style, "linewidth": 1.8}
-        axes.stairs(counts, edges, label=legend[label], **look)
+        axes.stairs(counts, edges, label=_in_lines(legend[label]), **look)
         axes.stairs(counts, edges, fill=True, color=colour, alpha=0.12)
         median = np.median(one)
         if np.isfinite(median):
@@ -147,7 +146,8 @@ def error_histogram(
         xlim=(edges[0], edges[-1]),
     )
     # Room over the tallest bin for the legend, whatever the bins are.
-    axes.set_ylim(0, axes.dataLim.y1 / (0.92 - 0.07 * min(len(values), 7)))
+    lines = sum(_in_lines(text).count("\n") + 1 for text in legend.values())
+    axes.set_ylim(0, axes.dataLim.y1 / (0.92 - 0.07 * min(lines, 7)))
     axes.yaxis.get_major_locator().set_params(integer=True)
     axes.grid(alpha=0.3)
     axes.legend(loc="upper right", frameon=True)
@@ -159,6 +159,8 @@ def _read(errors: Mapping[str, Array]) -> dict[str, np.ndarray]:
         fail("errors", "at least one labelled set of errors", repr(errors))
     result = {}
     for label, values in errors.items():
+        if str(label).startswith("_"):
+            fail("errors", "labels without _ before them, which the legend leaves out", repr(label))
         auc(values, 1.0)  # refuses what is no error
         result[label] = to_numbers("errors", values)
     return result
@@ -177,6 +179,11 @@ def _bin_edges(values: np.ndarray, count: int, log: bool) -> np.ndarray:
 
 def _around(value: float, count: int) -> np.ndarray:
     return np.linspace(0.9, 1.1, count + 1) * (value if value > 0 else 1.0)
+
+
+def _in_lines(text: str) -> str:
+    """A label for the legend, which must leave room for the curves."""
+    return textwrap.fill(text, 32)
 
 
 def _median(values: np.ndarray, unit: str) -> str:

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from torch import Tensor
 
-from posecore import cameras
+from posecore import cameras, poses
 from posecore.arrays import Array, fail, require_integer, require_number
 from posecore.figures.overlays import box_edges, draw_axes, draw_box
-from posecore.figures.style import COLOURS, HALO, Picture, new_picture, to_floats
+from posecore.figures.style import (
+    BOX_COLOURS,
+    HALO,
+    INK,
+    Picture,
+    house_style,
+    new_picture,
+    to_floats,
+)
 
 __all__ = ["picture", "picture_grid", "pose_picture"]
 
 
+@house_style
 def picture(
     image: Array,
     *,
@@ -35,6 +43,8 @@ def picture(
         title: text over the image.
         limits: for an (H, W) image, the numbers that are drawn darkest and brightest. Default: 0
             and 255 for bytes, 0 and 1 for truth values, otherwise the smallest and the largest.
+            An image that is more than 3 times as high as it is wide, or 20 times as wide as high,
+            has an empty border.
         colour_bar: what the numbers are and their unit, for example "depth, m": draws an (H, W)
             image in colours, with their scale. In grey without a scale by default.
         width: of the figure, inches.
@@ -54,6 +64,7 @@ def picture(
     return _grid("image", [image], titles, 1, limits, colour_bar, width, alt)
 
 
+@house_style
 def picture_grid(
     images: Sequence[Array],
     titles: Sequence[str] | None = None,
@@ -70,7 +81,8 @@ def picture_grid(
         images: each as in `picture`; an array (M, H, W) or (M, H, W, 3) will do.
         titles: one for each image.
         columns: how many images in a row; by default at most 4.
-        limits: as in `picture`, for all images; by default the smallest and largest of them all.
+        limits: as in `picture`, for all images; by default as there, the smallest and the largest
+            number over all images that are neither bytes nor truth values.
         colour_bar: as in `picture`; one scale for all images, which must be (H, W) then.
         width: of the figure, inches.
         alt: what the figure shows, in words; by default the titles.
@@ -88,13 +100,13 @@ def picture_grid(
         fail("images", "a sequence of images", repr(images))
     if not images:
         fail("images", "at least one image", "none")
-    if titles is not None and (isinstance(titles, str) or len(titles) != len(images)):
-        fail("titles", f"{len(images)}, one for each image", repr(titles))
+    titles = None if titles is None else _texts("titles", titles, len(images), "image")
     count = min(len(images), 4) if columns is None else require_integer("columns", columns, 1)
     alt = alt if alt is not None else _default_alt(len(images), titles, colour_bar)
     return _grid("images", images, titles, count, limits, colour_bar, width, alt)
 
 
+@house_style
 def pose_picture(
     image: Array,
     K: Array,
@@ -135,8 +147,7 @@ def pose_picture(
     t = to_floats("t", t, "...", 3).reshape(-1, 3)
     if len(t) != len(R):
         fail("t", f"{len(R)} translations, one for each R", len(t))
-    if labels is not None and (isinstance(labels, str) or len(labels) != len(R)):
-        fail("labels", f"{len(R)}, one for each pose", repr(labels))
+    labels = None if labels is None else _texts("labels", labels, len(R), "pose")
     sizes = None if size is None else _for_each("size", size, len(R))
     centres = _for_each("centre", np.zeros(3) if centre is None else centre, len(R))
     if axis_length is not None:
@@ -151,26 +162,47 @@ def pose_picture(
         pose = K, R[number], t[number]
         length = axis_length or max(0.1 * float(np.linalg.norm(t[number])), 1e-6)
         if sizes is not None:
-            colour = COLOURS[number % len(COLOURS)]
+            colour = BOX_COLOURS[number % len(BOX_COLOURS)]
             draw_box(axes, *pose, sizes[number], centre=centres[number], colour=colour)
             length = axis_length or max(0.5 * float(sizes[number].max()), 1e-6)
         draw_axes(axes, *pose, length)
         if labels is not None:
-            extent = None if sizes is None else sizes[number]
-            _label(axes, labels[number], *pose, extent, centres[number], number)
+            colour = BOX_COLOURS[number % len(BOX_COLOURS)]
+            if sizes is None:
+                _name_axes(axes, labels[number], *pose, length)
+            else:
+                corners = box_edges(R[number], t[number], sizes[number], centres[number])[0]
+                _name_box(axes, labels[number], K, corners, colour)
     return figure
 
 
-def _label(axes: Axes, text: str, K: Any, R: Any, t: Any, size: Any, centre: Any, n: int) -> None:
-    corners = t[None] if size is None else box_edges(R, t, size, centre)[0]
+NAME = {"ha": "center", "fontsize": 10, "fontweight": "bold", "path_effects": HALO}
+
+
+def _name_box(axes: Axes, text: str, K: Array, corners: np.ndarray, colour: str) -> None:
     pixels = cameras.project(K, corners, behind="inf")
     if np.isfinite(pixels).all():
-        look = {"ha": "center", "va": "bottom", "fontsize": 9, "fontweight": "bold"}
         place = pixels[:, 0].mean(), pixels[:, 1].min() - 3
-        if size is None:  # below the origin, where the axes of most poses are not
-            look["va"], place = "top", pixels[0] + [0, 6]
-        colour = COLOURS[n % len(COLOURS)]
-        axes.text(*place, text, color=colour, path_effects=HALO, clip_on=True, **look)
+        axes.text(*place, text, color=colour, clip_on=True, va="bottom", **NAME)
+
+
+def _name_axes(axes: Axes, text: str, K: Array, R: Array, t: Array, length: float) -> None:
+    """Beside the origin, on the side that the axes leave free."""
+    ends = poses.apply(R, t, np.concatenate([np.zeros((1, 3)), length * np.eye(3)]))
+    pixels = cameras.project(K, ends, behind="inf")
+    if np.isfinite(pixels).all():
+        away = pixels[0] - pixels[1:].mean(0)
+        x, y = 13 * away / max(float(np.linalg.norm(away)), 1e-9)
+        look = {"xytext": (x, -y), "textcoords": "offset points", "annotation_clip": True}
+        axes.annotate(text, pixels[0], color=INK, va="center", **look, **NAME)
+
+
+def _texts(name: str, texts: Sequence[str], count: int, thing: str) -> list[str]:
+    if isinstance(texts, str) or not isinstance(texts, Sequence | np.ndarray):
+        fail(name, f"{count}, one for each {thing}", repr(texts))
+    if len(texts) != count:
+        fail(name, f"{count}, one for each {thing}", repr(texts))
+    return [str(text) for text in texts]  # numbers of objects are names too
 
 
 def _grid(
@@ -186,10 +218,11 @@ def _grid(
     pixels = [_pixels(name, image) for image in images]
     if colour_bar is not None and any(one.ndim == 3 for one in pixels):
         fail("colour_bar", "None, as there are images in colour", repr(colour_bar))
-    low, high = _limits(pixels, limits)
+    each = _limits(pixels, limits, together=colour_bar is not None)
     cell = require_number("width", width, above=0) / columns
     heading = 0.3 if titles is not None else 0.0
-    shapes = [one.shape[0] / one.shape[1] for one in pixels]
+    # Of very high or very wide images more than that could not be seen on a page.
+    shapes = [min(max(one.shape[0] / one.shape[1], 0.05), 3.0) for one in pixels]
     starts = range(0, len(pixels), columns)
     heights = [cell * max(shapes[start : start + columns]) + heading for start in starts]
     bar = 0.7 if colour_bar is not None else 0.0
@@ -198,6 +231,7 @@ def _grid(
     colours = colormaps["grey" if colour_bar is None else "viridis"].with_extremes(bad="#e8e4da")
     all_axes = figure.subplots(len(heights), columns, squeeze=False, height_ratios=heights).ravel()
     for number, (axes, one) in enumerate(zip(all_axes, pixels, strict=False)):
+        low, high = each[number]
         shown = axes.imshow(one, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
         axes.set_anchor("N")
         axes.set_autoscale_on(False)  # what is drawn over an image must not move its borders
@@ -232,21 +266,24 @@ def _pixels(name: str, image: Array) -> np.ndarray:
 
 
 def _limits(
-    images: Sequence[np.ndarray], limits: tuple[float, float] | None
-) -> tuple[float, float]:
+    images: Sequence[np.ndarray], limits: tuple[float, float] | None, together: bool
+) -> list[tuple[float, float]]:
+    """What is darkest and brightest in each image; `together`, the same in all."""
     if limits is not None:
         low, high = to_floats("limits", limits, 2)
         if low >= high:
             fail("limits", "a low number before a higher one", limits)
-        return low, high
+        return [(low, high)] * len(images)
+    full = {np.dtype(np.uint8): (0.0, 255.0), np.dtype(bool): (0.0, 1.0)}
     scalar = [one for one in images if one.ndim == 2]
-    if all(one.dtype == np.uint8 for one in scalar):
-        return 0, 255
-    if all(one.dtype == bool for one in scalar):
-        return 0, 1
-    low = min(float(np.nanmin(one)) for one in scalar)
-    high = max(float(np.nanmax(one)) for one in scalar)
-    return low, high if high > low else low + 1.0
+    kinds = {one.dtype for one in scalar}
+    if together and len(kinds) == 1 and kinds <= set(full):
+        return [full[kinds.pop()]] * len(images)
+    rest = [one for one in scalar if together or one.dtype not in full]
+    low = min((float(np.nanmin(one)) for one in rest), default=0.0)
+    high = max((float(np.nanmax(one)) for one in rest), default=1.0)
+    measured = low, high if high > low else low + 1.0
+    return [measured if together else full.get(one.dtype, measured) for one in images]
 
 
 def _for_each(name: str, value: Array, count: int) -> np.ndarray:

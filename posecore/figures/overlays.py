@@ -12,11 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 
 from posecore import cameras, poses
 from posecore.arrays import Array, fail, require_number
-from posecore.figures.style import AXIS_COLOURS, COLOURS, HALO, to_floats
+from posecore.figures.style import AXIS_COLOURS, BOX_COLOURS, COLOURS, HALO, house_style, to_floats
 from posecore.metrics import box_corners
 
 __all__ = ["BOX_EDGES", "box_edges", "draw_axes", "draw_box", "draw_keypoints", "draw_outline"]
@@ -26,6 +25,7 @@ BOX_EDGES = np.array([(a, b) for a, b in itertools.combinations(range(8), 2) if 
 SIGNS = np.array(list(itertools.product((-1, 1), repeat=3)))
 
 
+@house_style
 def draw_axes(axes: Axes, K: Array, R: Array, t: Array, length: float) -> None:
     """Draw the x, y and z axis of an object, each with its letter.
 
@@ -48,6 +48,7 @@ def draw_axes(axes: Axes, K: Array, R: Array, t: Array, length: float) -> None:
         _write(axes, letter, ends[1] + _outwards(ends), colour)
 
 
+@house_style
 def draw_box(
     axes: Axes,
     K: Array,
@@ -56,7 +57,7 @@ def draw_box(
     size: Array,
     *,
     centre: Array = (0.0, 0.0, 0.0),
-    colour: str = COLOURS[0],
+    colour: str = BOX_COLOURS[0],
 ) -> None:
     """Draw a 3D box; edges that its own faces hide are dashed.
 
@@ -100,6 +101,7 @@ def box_edges(R: Array, t: Array, size: Array, centre: Array) -> tuple[np.ndarra
     return box_corners(R, middle, size), ~(seen[one] & shared).any(1)
 
 
+@house_style
 def draw_keypoints(
     axes: Axes,
     pixels: Array,
@@ -113,7 +115,7 @@ def draw_keypoints(
 
     Args:
         axes: of a picture.
-        pixels: (N, 2) columns and rows.
+        pixels: (N, 2) columns and rows; where N is 0 nothing is drawn.
         label: name for the legend; the caller asks for it with `axes.legend()`.
         colour, marker: as matplotlib has them.
         numbers: whether to write each point's index beside it.
@@ -121,6 +123,8 @@ def draw_keypoints(
     Raises:
         ValueError: if `pixels` has another shape.
     """
+    if np.shape(pixels) == (0, 2):
+        return  # none were found
     points = to_floats("pixels", pixels, "N", 2)
     look = {"s": 42, "color": colour, "edgecolors": "black", "linewidths": 0.9}
     if marker in ("x", "+"):  # have no inside that an edge could surround
@@ -128,10 +132,11 @@ def draw_keypoints(
     axes.scatter(*points.T, marker=marker, label=label, zorder=3, **look)
     for number, point in enumerate(points if numbers else ()):
         offset = {"xytext": (5, 4), "textcoords": "offset points", "annotation_clip": True}
-        text = axes.annotate(str(number), point, fontsize=8, zorder=4, **offset)
+        text = axes.annotate(str(number), point, fontsize=9, zorder=4, **offset)
         text.set_path_effects(HALO)
 
 
+@house_style
 def draw_outline(
     axes: Axes,
     mask: Array,
@@ -151,29 +156,51 @@ def draw_outline(
     Raises:
         ValueError: if `mask` has another shape.
     """
-    inside = np.pad(to_floats("mask", mask, "H", "W") != 0, 1)
-    segments = [
-        _runs(inside[1:, 1:-1] != inside[:-1, 1:-1], swap=False),
-        _runs((inside[1:-1, 1:] != inside[1:-1, :-1]).T, swap=True),
-    ]
-    lines = LineCollection(
-        np.concatenate(segments),
-        colors=colour,
-        linestyles=style,
-        linewidths=1.8,
-        label=label,
-        path_effects=HALO,
+    rounds = _rounds(to_floats("mask", mask, "H", "W") != 0)
+    # One line with gaps: its rim is drawn before all of it, and dashes run through.
+    gap = np.full((1, 2), np.nan)
+    points = np.concatenate([part for one in rounds for part in (one, gap)] or [gap])
+    look = {"linewidth": 1.8, "solid_joinstyle": "miter", "path_effects": HALO}
+    axes.plot(*points.T, color=colour, linestyle=style, label=label, gid="outline", **look)
+
+
+def _rounds(inside: np.ndarray) -> list[np.ndarray]:
+    """The border of a mask as closed lines (N, 2) from corner to corner, first and last the same.
+
+    The inside lies on the right of one who walks along them, with y pointing down.
+    """
+    filled = np.pad(inside, 1)
+    below, above = filled[1:, 1:-1], filled[:-1, 1:-1]
+    right, left = filled[1:-1, 1:].T, filled[1:-1, :-1].T
+    steps = np.concatenate(
+        [
+            _runs(below & ~above),
+            _runs(above & ~below)[:, ::-1],
+            _runs(left & ~right)[..., ::-1],
+            _runs(right & ~left)[:, ::-1, ::-1],
+        ]
     )
-    axes.add_collection(lines, autolim=False)
+    onwards: dict[tuple[float, ...], list[tuple[float, ...]]] = {}
+    for start, end in steps.tolist():
+        onwards.setdefault(tuple(start), []).append(tuple(end))
+    rounds = []
+    while onwards:
+        walk = [next(iter(onwards))]
+        while ends := onwards.get(walk[-1]):
+            place = walk[-1]
+            walk.append(ends.pop())
+            if not ends:
+                del onwards[place]
+        rounds.append(np.array(walk))
+    return rounds
 
 
-def _runs(border: np.ndarray, swap: bool) -> np.ndarray:
+def _runs(border: np.ndarray) -> np.ndarray:
     """Straight pieces (S, 2, 2) of a border; `border[y, x]` lies above the pixel (x, y)."""
     steps = np.diff(np.pad(border, ((0, 0), (1, 1))).astype(int), axis=1)
     rows, first = np.nonzero(steps == 1)
     last = np.nonzero(steps == -1)[1]
-    ends = np.stack([np.stack([first, rows], 1), np.stack([last, rows], 1)], axis=1) - 0.5
-    return ends[..., ::-1] if swap else ends
+    return np.stack([np.stack([first, rows], 1), np.stack([last, rows], 1)], axis=1) - 0.5
 
 
 def _camera(K: Array) -> np.ndarray:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import torch
 from matplotlib.colors import to_rgb
+from torch import Tensor
 
 from posecore import poses
 from posecore.arrays import Array, fail, require_choice, require_number
@@ -126,13 +129,21 @@ def _colours(label: str, value: str | Array, count: int) -> np.ndarray:
             return np.array(to_rgb(value))
         except ValueError:
             fail(f"colours[{label!r}]", "a colour that matplotlib knows", repr(value))
-    integers = not np.issubdtype(np.asarray(value).dtype, np.floating)
-    array = to_floats(f"colours[{label!r}]", value, "...", 3) / (255.0 if integers else 1.0)
+    name = f"colours[{label!r}]"
+    array = to_floats(name, value, "...", 3)
     if array.shape not in ((3,), (count, 3)):
-        fail(f"colours[{label!r}]", f"a colour or shape ({count}, 3)", f"shape {array.shape}")
+        fail(name, f"a colour or shape ({count}, 3)", f"shape {array.shape}")
+    kind = (value if isinstance(value, Tensor) else np.asarray(value)).dtype
+    if kind not in (torch.uint8, np.uint8) and _whole(kind) and array.max() == 1:
+        fail(name, "numbers in [0, 1] or bytes", "integers up to 1, which may be meant as either")
+    array = array / (255.0 if _whole(kind) else 1.0)
     if not ((array >= 0) & (array <= 1)).all():
-        fail(f"colours[{label!r}]", "numbers in [0, 1] or bytes", f"{array.min()}..{array.max()}")
+        fail(name, "numbers in [0, 1] or bytes", f"{array.min()}..{array.max()}")
     return array
+
+
+def _whole(kind: Any) -> bool:
+    return not (kind.is_floating_point if isinstance(kind, torch.dtype) else kind.kind == "f")
 
 
 def _batch(name: str, value: Sequence[Array], expected: str) -> list[np.ndarray]:

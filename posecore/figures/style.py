@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import base64
 import io
-from typing import Any
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
+import matplotlib.style
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
+from PIL import Image
 from torch import Tensor
 
 from posecore.arrays import fail
 
 __all__ = [
     "AXIS_COLOURS",
+    "BOX_COLOURS",
     "CLOUD_COLOURS",
     "COLOURS",
     "HALO",
@@ -22,6 +27,7 @@ __all__ = [
     "MARKERS",
     "STYLES",
     "Picture",
+    "house_style",
     "new_picture",
     "to_floats",
 ]
@@ -34,30 +40,97 @@ STYLES = ("-", "--", "-.", ":")
 MARKERS = ("o", "s", "D", "^")
 # Red, green and blue as everybody draws x, y and z, in the shades of the same palette.
 AXIS_COLOURS = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
+# Boxes, which have axes in them: none of the three, mostly dark, as their rim is light.
+BOX_COLOURS = ("#882255", "#000000", "#997700", "#56B4E9")
 INK = "#000000"
 # A light rim keeps a line visible on dark and on light pictures.
 HALO = (withStroke(linewidth=3.6, foreground="white"),)
+
+P, T = ParamSpec("P"), TypeVar("T")
+
+
+def house_style(function: Callable[P, T]) -> Callable[P, T]:
+    """Let a function draw as it would in a fresh process, whatever style its caller has set."""
+
+    @wraps(function)
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> T:
+        with matplotlib.style.context("default"):
+            return function(*args, **kwargs)
+
+    return drawn
 
 
 class Picture(Figure):
     """A matplotlib figure that belongs to no window and says in words what it shows.
 
-    A notebook shows it with or without pyplot, and keeps `alt` with the stored picture.
+    The last line of a cell shows it, with or without pyplot, and so does `show()` anywhere in a
+    cell; the notebook keeps `alt` with the stored picture.
     """
 
     alt: str = ""
 
+    @house_style
     def png(self, dpi: float = 100) -> bytes:
         """The figure as a PNG file, the same bytes whenever the figure is the same."""
+        # Drawing moves the axes a little, and the next drawing would start from there.
+        places = [(axes, axes.get_position(original=True)) for axes in self.axes]
         buffer = io.BytesIO()
-        self.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
-        return buffer.getvalue()
+        try:
+            self.savefig(buffer, format="png", dpi=dpi)
+        finally:
+            for axes, place in places:
+                axes._set_position(place)
+        with Image.open(buffer) as picture:
+            return _small(picture.convert("RGB"))
+
+    def show(self, warn: bool = True) -> None:
+        """Show the figure here, in the middle of a cell or of a loop.
+
+        Args:
+            warn: taken as matplotlib's figures take it, without effect.
+        """
+        show_in_notebook(self)
+
+    def _ipython_display_(self) -> None:
+        # Said outright, since IPython would draw any Figure anew, without `png`, once pyplot has
+        # opened one.
+        from IPython.display import display
+
+        data, metadata = self._repr_mimebundle_()
+        display(data, metadata=metadata, raw=True)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> tuple[dict, dict]:
         encoded = base64.b64encode(self.png()).decode()
         return {"image/png": encoded, "text/plain": self.alt}, {"image/png": {"alt": self.alt}}
 
 
+def show_in_notebook(figure: Any) -> None:
+    """Show a figure under the running cell; outside a notebook its words are printed."""
+    try:
+        from IPython import get_ipython  # the library does without it
+        from IPython.display import display
+    except ImportError:
+        get_ipython = lambda: None  # noqa: E731
+    if get_ipython() is None:
+        print(figure.alt)
+    else:
+        display(figure)
+
+
+def _small(picture: Image.Image) -> bytes:
+    """A PNG file, of a drawing with 256 colours if that only changes the edges of its lines."""
+    if picture.getcolors(4096) is not None:  # a photograph has more
+        few = picture.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+        off = np.asarray(picture).astype(np.int16) - np.asarray(few.convert("RGB"))
+        off = np.abs(off).max(-1)
+        if off.max() <= 128 and (off > 32).mean() <= 0.002:
+            picture = few
+    buffer = io.BytesIO()
+    picture.save(buffer, format="PNG", optimize=True)
+    return buffer.getvalue()
+
+
+@house_style
 def new_picture(width: float, height: float, alt: str | None, default: str) -> Picture:
     """An empty figure of `width` x `height` inches.
 

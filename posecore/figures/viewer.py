@@ -21,7 +21,7 @@ from PIL import Image
 from posecore.arrays import Array
 from posecore.figures.clouds3d import AZIMUTH, ELEVATION, draw_scene
 from posecore.figures.scene import UNITS, Part, build_scene
-from posecore.figures.style import MARKERS
+from posecore.figures.style import MARKERS, show_in_notebook
 from posecore.figures.viewer_script import SCRIPT
 
 __all__ = ["Viewer"]
@@ -33,8 +33,10 @@ _shown: collections.Counter[str] = collections.Counter()
 class Viewer:
     """Point clouds, axes and boxes to turn and zoom on a page; arguments as in `point_clouds`.
 
-    A notebook shows it by itself. Drag turns, wheel (after a click) or pinch zooms, a double click
-    goes back; arrow keys and + and - do the same; a click on a name hides or shows its points.
+    The last line of a cell shows it, and so does `show()` anywhere in a cell. Drag turns, pinch or
+    the wheel with Ctrl or Command zooms, a double click goes back; where the figure has the focus,
+    arrow keys, + and -, and 0 do the same. A click on a name hides or shows its points. The wheel
+    alone, and a finger that moves up or down, scroll the page.
 
     Args:
         clouds, colours, axes, axis_length, boxes, lines, up, unit: as in `point_clouds`.
@@ -91,8 +93,8 @@ class Viewer:
             "elevation": ELEVATION,
             "radius": self._radius,
             "size": 0.05 if count < 500 else 0.03,
-            "hint": f"longest side {self._extent} · drag to turn · click, then wheel, or pinch to "
-            "zoom · double click to go back",
+            "hint": f"{self._extent} along its longest side · drag to turn · Ctrl + wheel or pinch "
+            "to zoom · double click to go back",
         }
 
     def png(self) -> bytes:
@@ -102,6 +104,10 @@ class Viewer:
         buffer = io.BytesIO()
         reduced.save(buffer, format="PNG", optimize=True)
         return buffer.getvalue()
+
+    def show(self) -> None:
+        """Show the figure here, in the middle of a cell or of a loop."""
+        show_in_notebook(self)
 
     def html(self) -> str:
         """The figure as HTML, complete in itself; every call gives it an id of its own."""

@@ -30,9 +30,12 @@ SCRIPT = r"""(function (id, data) {
     var gl = canvas.getContext('webgl', {antialias: true, preserveDrawingBuffer: true});
     if (!gl) return;
     box.setAttribute('data-live', '');
-    canvas.style.cssText = 'display:block;width:100%;height:min(420px,70vh);touch-action:none;' +
+    // One finger that moves up or down scrolls the page: the figure may be as wide as a phone.
+    canvas.style.cssText = 'display:block;width:100%;height:min(420px,70vh);touch-action:pan-y;' +
       'cursor:grab';
     canvas.tabIndex = 0;
+    canvas.setAttribute('data-lm-suppress-shortcuts', '');  // JupyterLab leaves us our keys
+    canvas.setAttribute('aria-keyshortcuts', 'ArrowLeft ArrowRight ArrowUp ArrowDown + - 0');
     canvas.setAttribute('role', 'img');
     canvas.setAttribute('aria-label', still.alt);
 
@@ -46,6 +49,23 @@ SCRIPT = r"""(function (id, data) {
       var made = gl.createBuffer();
       gl.bindBuffer(gl.ARRAY_BUFFER, made);
       gl.bufferData(gl.ARRAY_BUFFER, array, gl.STATIC_DRAW);
+      return made;
+    }
+    var signs = document.createElement('div');  // the letters of axes, over the canvas
+    signs.setAttribute('aria-hidden', 'true');
+    signs.style.cssText = 'position:absolute;overflow:hidden;pointer-events:none';
+    function letters(part, positions) {
+      var made = [];
+      for (var i = 0; i < positions.length && positions.length <= 120; i += 6) {
+        var sign = document.createElement('span'), place = [];
+        for (var j = 0; j < 3; j++)
+          place.push((1.12 * positions[i + 3 + j] - 0.12 * positions[i + j]) / 65535);
+        sign.textContent = part.label;
+        sign.style.cssText = 'position:absolute;font:bold 14px sans-serif;' +
+          'transform:translate(-50%,-50%);color:rgb(' + part.colour + ')';
+        signs.append(sign);
+        made.push({place: place, sign: sign});
+      }
       return made;
     }
     var program = gl.createProgram();
@@ -62,12 +82,13 @@ SCRIPT = r"""(function (id, data) {
       where[name] = gl.getUniformLocation(program, name);
     });
     var parts = data.parts.map(function (part) {
-      var positions = bytes(part.positions);
+      var positions = new Uint16Array(bytes(part.positions).buffer);
       return {
-        count: positions.length / 6, lines: part.lines, onTop: part.onTop,
+        count: positions.length / 3, lines: part.lines, onTop: part.onTop,
         marker: part.marker, shown: true,
-        positions: buffer(new Uint16Array(positions.buffer)), colour: part.colour,
-        colours: part.colours ? buffer(bytes(part.colours)) : null
+        positions: buffer(positions), colour: part.colour,
+        colours: part.colours ? buffer(bytes(part.colours)) : null,
+        letters: part.onTop ? letters(part, positions) : []
       };
     });
 
@@ -93,42 +114,74 @@ SCRIPT = r"""(function (id, data) {
       m.push(f * o[0] / aspect, f * o[1], a * (o[2] - distance) + b, distance - o[2]);
       return new Float32Array(m);
     }
+    var rim = ['2px 0', '-2px 0', '0 2px', '0 -2px', '1px 1px', '-1px 1px', '1px -1px',
+      '-1px -1px'];
+    function letter(part, m, halo) {
+      part.letters.forEach(function (one) {
+        var p = one.place, at = [0, 1, 2, 3].map(function (i) {
+          return m[i] * p[0] + m[4 + i] * p[1] + m[8 + i] * p[2] + m[12 + i];
+        });
+        one.sign.style.display = part.shown && at[3] > 0 ? '' : 'none';
+        one.sign.style.left = 50 * (1 + at[0] / at[3]) + '%';
+        one.sign.style.top = 50 * (1 - at[1] / at[3]) + '%';
+        one.sign.style.textShadow = rim.map(function (shift) {
+          return shift + ' 0 rgb(' + halo + ')';
+        }).join(',');
+      });
+    }
     function draw() {
       waiting = false;
       var ratio = window.devicePixelRatio || 1, text = ink();
+      // A rim around axes, light in a light theme, so that they are seen before any cloud.
+      var halo = text[0] + text[1] + text[2] < 384 ? [255, 255, 255] : [0, 0, 0];
       canvas.width = Math.max(1, canvas.clientWidth * ratio);
       canvas.height = Math.max(1, canvas.clientHeight * ratio);
       gl.viewport(0, 0, canvas.width, canvas.height);
       gl.clearColor(0, 0, 0, 0);
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-      gl.uniformMatrix4fv(where.matrix, false, matrix(canvas.width / canvas.height));
+      var m = matrix(canvas.width / canvas.height);
+      gl.uniformMatrix4fv(where.matrix, false, m);
       gl.uniform1f(where.size, data.size * canvas.height);
+      signs.style.left = canvas.offsetLeft + 'px';
+      signs.style.top = canvas.offsetTop + 'px';
+      signs.style.width = canvas.clientWidth + 'px';
+      signs.style.height = canvas.clientHeight + 'px';
       parts.forEach(function (part) {
+        letter(part, m, halo);
         if (!part.shown) return;
         gl.bindBuffer(gl.ARRAY_BUFFER, part.positions);
         gl.vertexAttribPointer(0, 3, gl.UNSIGNED_SHORT, true, 0, 0);
+        var c = part.colour || text;
         if (part.colours) {
           gl.enableVertexAttribArray(1);
           gl.bindBuffer(gl.ARRAY_BUFFER, part.colours);
           gl.vertexAttribPointer(1, 3, gl.UNSIGNED_BYTE, true, 0, 0);
         } else {
-          var c = part.colour || text;
           gl.disableVertexAttribArray(1);
           gl.vertexAttrib3f(1, c[0] / 255, c[1] / 255, c[2] / 255);
         }
         (part.onTop ? gl.disable : gl.enable).call(gl, gl.DEPTH_TEST);
         gl.uniform1i(where.shape, part.lines ? 0 : 1 + part.marker);
-        // WebGL draws lines one pixel wide: a few of them side by side make a thicker one.
         var reach = part.lines ? Math.round(ratio) * (part.onTop ? 2 : 1) || 1 : 0;
-        for (var dx = -reach; dx <= reach; dx++) for (var dy = -reach; dy <= reach; dy++) {
-          if (Math.abs(dx) + Math.abs(dy) > reach) continue;
-          gl.uniform2f(where.shift, dx / canvas.width, dy / canvas.height);
-          gl.drawArrays(part.lines ? gl.LINES : gl.POINTS, 0, part.count);
+        if (part.onTop) {
+          gl.vertexAttrib3f(1, halo[0] / 255, halo[1] / 255, halo[2] / 255);
+          stroke(part, reach + Math.max(2, Math.round(2 * ratio)));
+          gl.vertexAttrib3f(1, c[0] / 255, c[1] / 255, c[2] / 255);
         }
+        stroke(part, reach);
       });
     }
+    // WebGL draws lines one pixel wide: a few of them side by side make a thicker one.
+    function stroke(part, reach) {
+      for (var dx = -reach; dx <= reach; dx++) for (var dy = -reach; dy <= reach; dy++) {
+        if (Math.abs(dx) + Math.abs(dy) > reach) continue;
+        gl.uniform2f(where.shift, dx / canvas.width, dy / canvas.height);
+        gl.drawArrays(part.lines ? gl.LINES : gl.POINTS, 0, part.count);
+      }
+    }
     function later() {
-      if (!waiting) { waiting = true; requestAnimationFrame(draw); }
+      watch(canvas.isConnected);
+      if (canvas.isConnected && !waiting) { waiting = true; requestAnimationFrame(draw); }
     }
     function turn(dx, dy) {
       azimuth -= dx * 0.01;
@@ -160,23 +213,27 @@ SCRIPT = r"""(function (id, data) {
       canvas.addEventListener(name, function (event) { delete fingers[event.pointerId]; });
     });
     canvas.addEventListener('wheel', function (event) {
-      // The wheel scrolls the page until the reader has clicked into the figure.
-      if (document.activeElement !== canvas && !event.ctrlKey) return;
+      // The wheel alone scrolls the page. A pinch on a touchpad comes as a wheel with Ctrl.
+      if (!event.ctrlKey && !event.metaKey) return;
       event.preventDefault();
-      zoom(Math.exp(event.deltaY * 0.001));
+      zoom(Math.exp(event.deltaY * (event.deltaMode ? 0.03 : 0.002)));  // lines or pixels
     }, {passive: false});
     canvas.addEventListener('dblclick', function () { reset(); later(); });
     canvas.addEventListener('keydown', function (event) {
+      if (event.ctrlKey || event.metaKey || event.altKey) return;  // the browser's own
       var step = {ArrowLeft: [-10, 0], ArrowRight: [10, 0], ArrowUp: [0, -10], ArrowDown: [0, 10]};
       if (step[event.key]) turn.apply(null, step[event.key]);
-      else if (event.key === '+') zoom(0.9);
+      else if (event.key === '+' || event.key === '=') zoom(0.9);
       else if (event.key === '-') zoom(1 / 0.9);
+      else if (event.key === '0' || event.key === 'Home') { reset(); later(); }
       else return;
       event.preventDefault();
       event.stopPropagation();
     });
     canvas.addEventListener('webglcontextlost', function () {
+      watch(false);
       canvas.replaceWith(still);
+      signs.remove();
       legend.remove();
     });
 
@@ -206,15 +263,26 @@ SCRIPT = r"""(function (id, data) {
     hint.style.opacity = 0.7;
     legend.append(hint);
 
+    // The page's theme is watched only while the figure is on the page: an output that a notebook
+    // has thrown away must not be held, with its share of the graphics memory, by the page.
+    var themes = new MutationObserver(later), watching = false;
+    var dark = matchMedia('(prefers-color-scheme: dark)');
+    function watch(on) {
+      if (on === watching) return;
+      watching = on;
+      dark[on ? 'addEventListener' : 'removeEventListener']('change', later);
+      if (!on) return themes.disconnect();
+      [document.documentElement, document.body].forEach(function (element) {
+        themes.observe(element, {attributes: true});
+      });
+    }
+
     reset();
+    box.style.position = 'relative';
     still.replaceWith(canvas);
+    canvas.after(signs);
     box.append(legend);
     new ResizeObserver(later).observe(canvas);
-    var themes = new MutationObserver(later);
-    [document.documentElement, document.body].forEach(function (element) {
-      themes.observe(element, {attributes: true});
-    });
-    matchMedia('(prefers-color-scheme: dark)').addEventListener('change', later);
     draw();
   }
 

@@ -130,6 +130,27 @@ def test_zeros_are_in_the_first_bin_of_a_logarithmic_axis():
     np.testing.assert_array_equal(counts, [2, 0, 1])
 
 
+@pytest.mark.parametrize("count", [2, 7])
+@pytest.mark.parametrize("draw", [figures.accuracy_curves, figures.error_histogram])
+def test_long_labels_leave_room_for_the_curves(draw, count):
+    errors = {
+        f"a method with quite a long name and then some more of it {i}": [0.01, 0.02 + i]
+        for i in range(count)
+    }
+    figure = draw(errors)
+    figure.png()  # a warning that there is no room would be an error here
+    axes = figure.axes[0]
+    texts = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert [" ".join(text.split("\n")).split(" (")[0] for text in texts] == list(errors)
+    assert max(len(line) for text in texts for line in text.split("\n")) <= 32
+    assert axes.get_window_extent().width > 0.4 * figure.bbox.width
+
+
+def test_the_line_at_the_top_is_not_cut_in_half():
+    figure = figures.accuracy_curves({"a": [0.0]})
+    assert not figure.axes[0].lines[0].get_clip_on()
+
+
 def test_tensors_are_errors_too():
     errors = torch.tensor([0.01, 0.02], requires_grad=True)
     figure = figures.error_histogram({"a": errors}, bins=4)
@@ -145,6 +166,10 @@ def test_tensors_are_errors_too():
         (lambda: figures.accuracy_curves({"a": []}), "errors"),
         (lambda: figures.accuracy_curves({"a": [np.nan]}), "errors"),
         (lambda: figures.accuracy_curves({"a": [1.0]}, 0), "max_threshold"),
+        (lambda: figures.accuracy_curves({"a": [1.0]}, factor=0), "factor"),
+        (lambda: figures.accuracy_curves({"a": [1.0]}, factor=np.nan), "factor"),
+        (lambda: figures.accuracy_curves({"_a": [1.0]}), "errors"),
+        (lambda: figures.error_histogram({"_a": [1.0]}), "errors"),
         (lambda: figures.accuracy_curves({"a": [1.0]}, highlight="b"), "highlight"),
         (lambda: figures.accuracy_curves({"a": [1.0]}, alt=""), "alt"),
         (lambda: figures.error_histogram({}), "errors"),

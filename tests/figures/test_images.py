@@ -72,6 +72,39 @@ def test_a_grid_holds_its_images_in_order(count, columns):
     assert figure.alt == f"{count} images: " + "; ".join(titles)
 
 
+def test_masks_stay_visible_beside_photographs():
+    """A mask used to be drawn from 0 to 255 beside an image in bytes: all black."""
+    depth = np.array([[0.5, 2.0]])
+    figure = figures.picture_grid([GREY, GREY > 100, depth, depth + 1, IMAGE])
+    limits = [axes.images[0].get_clim() for axes in figure.axes[:4]]
+    assert limits == [(0, 255), (0, 1), (0.5, 3.0), (0.5, 3.0)]
+    shared = figures.picture_grid([GREY > 100, depth], colour_bar="x")
+    assert [axes.images[0].get_clim() for axes in shared.axes[:2]] == [(0, 2.0), (0, 2.0)]
+
+
+def test_numbers_are_labels_and_titles_too():
+    figure = figures.pose_picture(IMAGE, K, R, T, SIZE, labels=[1, 12])
+    assert figure.alt == "Image with the projected axes and 3D box of 1, 12"
+    assert figures.picture_grid([GREY], np.array([7])).axes[0].get_title() == "7"
+
+
+def test_boxes_are_drawn_in_other_colours_than_axes():
+    axes = figures.pose_picture(IMAGE, K, R, T, SIZE).axes[0]
+    of = {
+        part: {line.get_color() for line in axes.lines if part in line.get_gid()}
+        for part in ("axis", "edge")
+    }
+    assert len(of["axis"]) == 3 and len(of["edge"]) == 2 and not of["axis"] & of["edge"]
+
+
+def test_a_name_without_a_box_stands_where_the_axes_are_not():
+    figure = figures.pose_picture(IMAGE, K, np.eye(3), [0, 0, 0.6], labels=["mug"])
+    figure.draw_without_rendering()
+    (name,) = [text for text in figure.axes[0].texts if text.get_text() == "mug"]
+    x, y = figure.axes[0].transData.inverted().transform(name.get_window_extent()).mean(0)
+    assert x < 40 and y < 30  # x goes right and y goes down from the origin at (40, 30)
+
+
 def test_a_grid_has_one_scale():
     stack = np.stack([np.full((2, 2), 1.0), np.full((2, 2), 3.0)])
     figure = figures.picture_grid(stack, colour_bar="depth, m")
@@ -141,6 +174,8 @@ POSE = (IMAGE, K, R, T)
         (lambda: figures.picture_grid([np.zeros(3)]), "images"),
         (lambda: figures.picture_grid([GREY], ["a", "b"]), "titles"),
         (lambda: figures.picture_grid([GREY], "a"), "titles"),
+        (lambda: figures.picture_grid([GREY], (title for title in "a")), "titles"),
+        (lambda: figures.pose_picture(IMAGE, K, R, T, labels={"a", "b"}), "labels"),
         (lambda: figures.picture_grid([GREY], columns=0), "columns"),
         (lambda: figures.pose_picture(IMAGE, K * 0, R, T), "K"),
         (lambda: figures.pose_picture(IMAGE, K, R[..., :2], T), "R"),

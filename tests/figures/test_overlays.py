@@ -1,5 +1,7 @@
 """What is drawn into pictures lies where the camera sees it."""
 
+import io
+
 import cv2
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from PIL import Image
 
 from posecore import cameras, figures, metrics, poses, rotations
 from posecore.figures.overlays import BOX_EDGES, box_edges
@@ -138,7 +141,9 @@ def test_crosses_can_be_keypoints():
 def test_an_outline_is_the_border_of_the_mask(mask):
     axes = _axes()
     figures.draw_outline(axes, mask)
-    segments = np.array(axes.collections[0].get_segments()).reshape(-1, 2, 2)
+    points = axes.lines[0].get_xydata()
+    pairs = np.stack([points[:-1], points[1:]], axis=1)
+    segments = pairs[np.isfinite(pairs).all((1, 2))]
     padded = np.pad(mask, 1).astype(int)
     border = np.abs(np.diff(padded, axis=0)).sum() + np.abs(np.diff(padded, axis=1)).sum()
     assert np.abs(np.diff(segments, axis=1)).sum() == border
@@ -148,13 +153,36 @@ def test_an_outline_is_the_border_of_the_mask(mask):
     x, low, high = upright[:, 0, 0], upright[..., 1].min(1), upright[..., 1].max(1)
     left = (x < columns[..., None]) & (low < rows[..., None]) & (rows[..., None] < high)
     np.testing.assert_array_equal(left.sum(-1) % 2 == 1, mask)
+    # Every part of the line is closed, so that dashes run on and corners have no gap.
+    for part in np.split(points, np.flatnonzero(np.isnan(points[:, 0]))):
+        closed = part[np.isfinite(part[:, 0])]
+        np.testing.assert_array_equal(closed[:1], closed[-1:])
+
+
+def test_the_rim_of_an_outline_does_not_cover_the_outline():
+    """The rim of each small piece used to be drawn over its neighbours."""
+    yy, xx = np.mgrid[0:60, 0:60]
+    figure = figures.picture(np.zeros((60, 60), np.uint8), width=4)
+    figures.draw_outline(figure.axes[0], (xx - 30) ** 2 + (yy - 30) ** 2 < 400, colour="#D55E00")
+    pixels = np.asarray(Image.open(io.BytesIO(figure.png())).convert("RGB")).astype(int)
+    inked = (np.abs(pixels - [0xD5, 0x5E, 0]).sum(-1) < 60).sum()
+    assert inked > 950  # 772 with gaps between its pieces
+
+
+def test_no_keypoints_draw_nothing():
+    axes = _axes()
+    figures.draw_keypoints(axes, np.zeros((0, 2)), numbers=True)
+    figures.draw_keypoints(axes, torch.zeros(0, 2))
+    assert not axes.collections and not axes.texts
 
 
 def test_the_outline_of_a_disc_agrees_with_opencv():
     disc = cv2.circle(np.zeros((40, 40), np.uint8), (20, 20), 12, 1, -1)
     axes = _axes()
     figures.draw_outline(axes, torch.from_numpy(disc), label="mask", style="--")
-    points = np.concatenate(axes.collections[0].get_segments())
+    points = axes.lines[0].get_xydata()
+    points = points[np.isfinite(points[:, 0])]
+    assert (axes.lines[0].get_label(), axes.lines[0].get_linestyle()) == ("mask", "--")
     contour = cv2.findContours(disc, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0][0][:, 0]
     np.testing.assert_array_equal(points.min(0), contour.min(0) - 0.5)
     np.testing.assert_array_equal(points.max(0), contour.max(0) + 0.5)
@@ -184,7 +212,7 @@ BAD_K = np.array([[0.0, 0, 1], [0, 1, 1], [0, 0, 1]])
         (lambda a: figures.draw_box(a, K, R, T, SIZE[:2]), "size"),
         (lambda a: figures.draw_box(a, K, R, T, SIZE, centre=[0, 0]), "centre"),
         (lambda a: figures.draw_keypoints(a, [1, 2]), "pixels"),
-        (lambda a: figures.draw_keypoints(a, np.zeros((0, 2))), "pixels"),
+        (lambda a: figures.draw_keypoints(a, np.zeros((0, 3))), "pixels"),
         (lambda a: figures.draw_keypoints(a, [[1, np.inf]]), "pixels"),
         (lambda a: figures.draw_outline(a, np.zeros(3)), "mask"),
         (lambda a: figures.draw_outline(a, "mask"), "mask"),

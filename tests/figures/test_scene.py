@@ -65,6 +65,11 @@ def test_colours_are_chosen_or_taken_from_the_palette():
     assert scene.describe() == "a (5 points), b (5 points), c (5 points), l"
     tensor = _build({"a": POINTS}, {"a": torch.from_numpy(rgb)}).parts[0]
     np.testing.assert_allclose(tensor.colours, a.colours)
+    learnt = torch.rand(5, 3, requires_grad=True)
+    byte = np.array([1, 0, 1], np.uint8)
+    (a, b) = _build({"a": POINTS, "b": POINTS}, {"a": learnt, "b": byte}).parts
+    np.testing.assert_allclose(a.colours, learnt.detach())
+    np.testing.assert_allclose(b.colours, byte / 255)
 
 
 def test_one_point_with_axes_has_axes_of_some_length():
@@ -90,6 +95,9 @@ CLOUD = {"a": POINTS}
         (lambda: _build(CLOUD, {"a": np.full((5, 3), 1.1)}), r"colours\['a'\]"),
         (lambda: _build(CLOUD, {"a": np.full((5, 3), 256)}), r"colours\['a'\]"),
         (lambda: _build(CLOUD, {"a": [None, 1]}), r"colours\['a'\]"),
+        (lambda: _build(CLOUD, {"a": (1, 0, 0)}), r"colours\['a'\]"),  # red, or nearly black?
+        (lambda: _build(CLOUD, {"a": torch.tensor([1, 1, 0])}), r"colours\['a'\]"),
+        (lambda: _build(CLOUD, {"a": [[1, 2], [3]]}), r"colours\['a'\]"),
         (lambda: _build(CLOUD, lines={"l": POINTS}), r"lines\['l'\]"),
         (lambda: _build(CLOUD, lines=POINTS), "lines"),
         (lambda: _build(CLOUD, axes=R), "axes"),

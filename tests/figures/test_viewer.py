@@ -312,6 +312,106 @@ def test_where_scripts_are_forbidden_the_still_picture_stays(browse):
     assert _parse(shown).tags.count("img") == 1
 
 
+MANNERS = """
+var canvases = document.querySelectorAll('canvas'), one = canvases[0], two = canvases[1];
+var frames = 0, result = {}, real = requestAnimationFrame;
+function seen(canvas) {
+  var gl = canvas.getContext('webgl'), data = new Uint8Array(canvas.width * canvas.height * 4);
+  gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, data);
+  for (var i = 3, sum = 0; i < data.length; i += 4) if (data[i]) sum = (sum * 31 + i) % 1000003;
+  return sum;
+}
+function wheel(more) {
+  var event = Object.assign({deltaY: 100, bubbles: true, cancelable: true}, more);
+  return one.dispatchEvent(new WheelEvent('wheel', event));  // false: kept from the page
+}
+function key(name, more) {
+  var event = Object.assign({key: name, bubbles: true, cancelable: true}, more);
+  return one.dispatchEvent(new KeyboardEvent('keydown', event));
+}
+function signs() {
+  return Array.from(document.querySelectorAll('figure')[0].querySelectorAll('span'))
+    .filter(function (s) { return s.style.left && s.style.display !== 'none'; })
+    .map(function (s) { return [s.textContent, parseFloat(s.style.left), parseFloat(s.style.top)];
+  });
+}
+var steps = [
+  ['start', function () { return [one.style.touchAction, one.tabIndex, one.clientWidth,
+    one.clientHeight]; }],
+  ['letters', signs],
+  ['focused wheel', function () { one.focus(); return wheel({}); }],
+  ['ctrl wheel', function () { return wheel({ctrlKey: true}); }],
+  ['lines wheel', function () { return wheel({metaKey: true, deltaY: 3, deltaMode: 1}); }],
+  ['key 0', function () { return key('0'); }],
+  ['key =', function () { return key('='); }],
+  ['key Home', function () { return key('Home'); }],
+  ['ctrl +', function () { return key('+', {ctrlKey: true}); }],
+  ['key q', function () { return key('q'); }],
+  ['hide x', function () {
+    Array.from(document.querySelectorAll('figure')[0].querySelectorAll('button'))
+      .filter(function (b) { return b.textContent === '\u2014 x'; })[0].click();
+  }],
+  ['without x', signs],
+  ['theme', function () { frames = 0; document.body.setAttribute('data-a', '1'); }],
+  ['drawn', function () { return frames; }],
+  ['remove', function () { document.querySelectorAll('figure')[0].remove(); }],
+  ['theme again', function () { frames = 0; document.body.setAttribute('data-a', '2'); }],
+  ['drawn again', function () { return frames; }]
+];
+function next() {
+  var step = steps.shift();
+  if (!step) {
+    document.getElementById('result').textContent = JSON.stringify(result);
+    return;
+  }
+  var said = step[1]();
+  setTimeout(function () {
+    result[step[0]] = [said === undefined ? null : said, seen(one), seen(two)]; next();
+  }, 60);
+}
+setTimeout(next, 60);
+"""
+
+
+def test_it_leaves_the_page_its_scrolling_and_keys(browse):
+    viewer = _viewer()
+    count = "<script>requestAnimationFrame = function (f) { frames++; setTimeout(f, 0); };</script>"
+    count += "<style>html { overflow-y: scroll }</style>"  # or the width changes at the end
+    drive = f"<pre id='result'></pre><script>{MANNERS}</script>"
+    shown = browse(_page_of(viewer.html(), _viewer().html(), drive, head=count))
+    text = re.search(r'<pre id="result">(.*?)</pre>', shown).group(1)
+    result = json.loads(html.unescape(text))
+    (touch, tab, width, height), start, other = result["start"]
+    assert (touch, tab) == ("pan-y", 0)
+    assert all(second == other for _, _, second in result.values())  # the figures are strangers
+    went, drawn, _ = result["focused wheel"]
+    assert went and drawn == start  # the page scrolls, the figure stays
+    for zoomed in ("ctrl wheel", "lines wheel", "key ="):
+        went, drawn, _ = result[zoomed]
+        assert not went and drawn != start
+    assert result["ctrl wheel"][1] != result["lines wheel"][1]
+    for back in ("key 0", "key Home"):
+        assert result[back][:2] == [False, start]
+    for left_alone in ("ctrl +", "key q"):
+        assert result[left_alone][:2] == [True, start]
+    # The letters stand at the tips of the axes, a little further out.
+    payload = viewer.payload()
+    middle = np.array(payload["low"]) + 32767.5 * viewer.resolution
+    letters = {letter: (x, y) for letter, x, y in result["letters"][0]}
+    assert sorted(letters) == ["x", "y", "z"]
+    for part in payload["parts"][-3:]:
+        foot, tip = (_positions(part, payload) - middle) / (32767.5 * viewer.resolution)
+        right, up, near = directions(AZIMUTH, ELEVATION, "z") @ (tip + 0.12 * (tip - foot))
+        away = 0.95 * payload["radius"] * np.hypot(1, 2.2) - near
+        focal = 2.2 * min(1, width / height)
+        due = 50 + 50 * focal * right / away * height / width, 50 - 50 * focal * up / away
+        assert letters[part["label"]] == pytest.approx(due, abs=0.1)
+    assert [letter for letter, *_ in result["without x"][0]] == ["y", "z"]
+    # A figure that a notebook has thrown away draws no more, and nothing holds it.
+    assert result["drawn"][0] == 2
+    assert result["drawn again"][0] == 1
+
+
 CENTROIDS = """
 var result = Array.from(document.querySelectorAll('canvas'), function (canvas) {
   var gl = canvas.getContext('webgl'), w = canvas.width, h = canvas.height, n = 0, x = 0, y = 0;
