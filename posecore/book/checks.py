@@ -23,14 +23,16 @@ import ctypes
 import html
 import inspect
 import linecache
+import re
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from torch import Tensor
 
 from posecore.arrays import fail, require_integer, require_number
 from posecore.book.values import difference, show
@@ -56,7 +58,8 @@ class Answer:
         sign, colour = SIGNS[self.status]
         # The sign and the words say what the colour says.
         style = f"border-left: 4px solid {colour}; padding: 0.2em 0.6em"
-        return f'<div role="status" style="{style}">{sign} {html.escape(self.line)}</div>'
+        text = re.sub(r" (Hint \d+ of \d+: )", r"<br>\1", html.escape(self.line))
+        return f'<div role="status" style="{style}">{sign} {text}</div>'
 
 
 def use(answer: Answer, library: Callable[..., Any]) -> Callable[..., Any]:
@@ -76,10 +79,12 @@ class Exercise:
     """Compares a student's function with a reference; call it with the student's function.
 
     Both run on copies of the same inputs. Where the reference raises ValueError, so must the
-    student. The student runs in a thread, and not in a process, because a function typed in a
-    notebook cannot be sent to a process that was spawned, and a fork is not to be had everywhere.
-    A thread that is too late is told to stop and left behind if it does not. One thing a thread
-    cannot end: a single call into C that never lets Python go on, such as `10**10**9`.
+    student. Arrays that the student's function changes, and the reference does not, are a fault:
+    they would be the page's own. The student runs in a thread, and not in a process, because a
+    function typed in a notebook cannot be sent to a process that was spawned, and a fork is not to
+    be had everywhere. A thread that is too late is told to stop and left behind if it does not. One
+    thing a thread cannot end: a single call into C that never lets Python go on, such as
+    `10**10**9`.
 
     Args:
         reference: the solution; its argument names are those of the messages.
@@ -90,6 +95,9 @@ class Exercise:
         seconds: the limit for one check, all inputs together.
         compare_as: applied to both results before their values are compared, for answers that are
             right in more than one form; for example a quaternion and its negative.
+        judge: for questions with many right answers: called with the result and the arguments, it
+            says in words what is wrong, or raises a ValueError that does; it returns an empty text
+            where nothing is. Of the reference's result only kind and shape are compared then.
         seed: of the random numbers.
 
     Raises:
@@ -107,6 +115,7 @@ class Exercise:
         tolerance: float = 1e-6,
         seconds: float = 10.0,
         compare_as: Callable[[Any], Any] | None = None,
+        judge: Callable[..., str] | None = None,
         seed: int = 0,
     ) -> None:
         for name, value in (("reference", reference), ("inputs", inputs)):
@@ -117,7 +126,9 @@ class Exercise:
         self.reference, self.inputs, self.hints = reference, inputs, tuple(hints)
         self.tolerance = require_number("tolerance", tolerance, low=0)
         self.seconds = require_number("seconds", seconds, above=0)
-        self.compare_as = compare_as
+        if judge is not None and not callable(judge):
+            fail("judge", "a function", show(judge))
+        self.compare_as, self.judge = compare_as, judge
         self.seed = require_integer("seed", seed, low=0)
         self.failures = 0
 
@@ -154,17 +165,21 @@ class Exercise:
             if reason := _unfinished(got, expected, first=count == 0):
                 return NOT_DONE, reason
             try:
-                wrong = self._compare(student, got, expected)
+                wrong = self._compare(student, got, expected, arguments)
             except Exception as error:  # what came may refuse to be looked at
                 wrong = f"the result cannot be compared ({type(error).__name__})"
+            if changed := [] if wrong else self._changed(got, expected):
+                wrong = f"it changes its {changed[0]}, which belongs to the caller; work on a copy"
             if wrong:
                 return NOT_RIGHT, f". On {words} ({self._describe(arguments)}): {wrong}."
             count += 1
         if count == 0:
             fail("inputs", "at least one input", "none")
-        return DONE, f", {count} inputs agree."
+        return DONE, f", {count} inputs {'agree' if self.judge is None else 'pass'}."
 
-    def _compare(self, student: Any, got: _Outcome, expected: _Outcome) -> str:
+    def _compare(
+        self, student: Any, got: _Outcome, expected: _Outcome, arguments: list[Any]
+    ) -> str:
         """What is wrong, in words; empty where nothing is."""
         if got.late:
             return f"not finished after {self.seconds:g} s; perhaps a loop never ends"
@@ -175,15 +190,30 @@ class Exercise:
             return f"expected a ValueError ({_one_line(str(expected.error))}), {came}"
         if got.error is not None:
             return _describe_error(student, got.error)
-        return difference(got.value, expected.value, self.tolerance, self.compare_as)
+        if self.judge is None:
+            return difference(got.value, expected.value, self.tolerance, self.compare_as)
+        try:
+            form = difference(got.value, expected.value, None)
+            return form or self.judge(got.value, *arguments)
+        except ValueError as error:
+            return _one_line(str(error)) or "it is refused"
+
+    def _changed(self, got: _Outcome, expected: _Outcome) -> list[str]:
+        """The names of arrays that the student's function left otherwise than the reference."""
+        pairs = zip(self._names(got.arguments), got.arguments, expected.arguments, strict=False)
+        arrays = np.ndarray | Tensor
+        return [name for name, a, b in pairs if isinstance(b, arrays) and difference(a, b, 0.0)]
 
     def _describe(self, arguments: list[Any]) -> str:
+        named = zip(self._names(arguments), arguments, strict=False)
+        return ", ".join(f"{name} = {show(argument)}" for name, argument in named)
+
+    def _names(self, arguments: Sequence[Any]) -> list[str]:
         try:
             names = list(inspect.signature(self.reference).parameters)
         except (TypeError, ValueError):  # some functions of C have none
             names = []
-        names += [f"argument {i + 1}" for i in range(len(names), len(arguments))]
-        return ", ".join(f"{n} = {show(a)}" for n, a in zip(names, arguments, strict=False))
+        return names + [f"argument {i + 1}" for i in range(len(names), len(arguments))]
 
 
 @dataclass
@@ -191,6 +221,7 @@ class _Outcome:
     value: Any = None
     error: BaseException | None = None
     late: bool = False
+    arguments: tuple[Any, ...] = ()  # as they are afterwards
 
 
 class _Stop(SystemExit):
@@ -199,8 +230,8 @@ class _Stop(SystemExit):
 
 def _call(function: Callable[..., Any], arguments: list[Any], seconds: float | None) -> _Outcome:
     """Run a function on copies of its arguments, in a thread, for a limited time."""
-    outcome = _Outcome()
     copies = copy.deepcopy(arguments)
+    outcome = _Outcome(arguments=tuple(copies))
 
     def work() -> None:
         try:

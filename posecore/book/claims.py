@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable, Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -116,16 +117,18 @@ class Row:
 
 @dataclass(frozen=True, repr=False)
 class LedgerTable:
-    """Rows of ledgers as the page shows them: `text` where there is no HTML."""
+    """Rows of ledgers as a page shows them; each under the name of its group, if it has one."""
 
     rows: tuple[Row, ...]
+    groups: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         if not self.rows:
             return "No claims have been measured yet."
         lines = []
-        for row in self.rows:
+        for group, row in self._grouped():
             statement, source, paper, here, result = _cells(row)
+            lines += [group, "-" * len(group), ""] if group else []
             lines += [f"{statement} ({source})", f"  paper: {paper}", f"  here:  {here}"]
             lines += [f"  {result}", ""]
         return "\n".join([*lines, self._footnote()])
@@ -135,12 +138,24 @@ class LedgerTable:
             return "<p>No claims have been measured yet.</p>"
         heads = ("Claim", "Source", "Paper", "Here", "Verdict")
         head = "".join(f'<th scope="col">{name}</th>' for name in heads)
-        body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _cells(row)) + "</tr>"
-            for row in self.rows
-        )
+        body = ""
+        for group, row in self._grouped():
+            if group:
+                look = f'colspan="{len(heads)}" scope="colgroup" style="text-align: left"'
+                body += f"<tr><th {look}>{html.escape(group)}</th></tr>"
+            body += "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _cells(row))
+            body += "</tr>"
         foot = html.escape(self._footnote())
-        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table><p>{foot}</p>"
+        table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        # On a phone the table is pushed sideways, and not the page.
+        return f'<div style="overflow-x: auto">{table}</div><p>{foot}</p>'
+
+    def _grouped(self) -> Iterator[tuple[str, Row]]:
+        """Each row, with the name of its group where that begins."""
+        last = ""
+        for group, row in itertools.zip_longest(self.groups, self.rows, fillvalue=""):
+            yield "" if group == last else group, row
+            last = group
 
     def _footnote(self) -> str:
         made = {
@@ -152,9 +167,17 @@ class LedgerTable:
         return f"± is the standard deviation over seeds; {'; '.join(made)}."
 
 
-def ledger_table(rows: Iterable[Row]) -> LedgerTable:
-    """Rows of one ledger or of several as a table for the page."""
-    return LedgerTable(tuple(rows))
+def ledger_table(rows: Iterable[Row] | Mapping[str, Iterable[Row]]) -> LedgerTable:
+    """Rows as a table for the page; name -> rows, as from `all_rows`, puts them under names."""
+    if not isinstance(rows, Mapping):
+        return LedgerTable(tuple(rows))
+    named = [(name, row) for name, some in rows.items() for row in some]
+    return LedgerTable(tuple(row for _, row in named), tuple(name for name, _ in named))
+
+
+def _number(value: float, digits: int) -> str:
+    """So many digits that count, but those before the point in any case: 1234 and not 1.23e+03."""
+    return f"{value:.{digits}g}" if abs(value) < 10 ** (digits - 1) else f"{value:.0f}"
 
 
 def _cells(row: Row) -> tuple[str, str, str, str, str]:
@@ -162,10 +185,13 @@ def _cells(row: Row) -> tuple[str, str, str, str, str]:
     unit = f" {claim.unit}" if claim.unit else ""
     sides = (claim.favoured, claim.other)
     paper = [f"{s} {n:g}{unit}" for s, n in zip(sides, claim.paper, strict=True) if n is not None]
-    here = [f"{s} {row.side(s).mean():.3g} ± {row.side(s).std(ddof=1):.2g}{unit}" for s in sides]
+    here = [
+        f"{s} {_number(row.side(s).mean(), 3)} ± {_number(row.side(s).std(ddof=1), 2)}{unit}"
+        for s in sides
+    ]
     words = (
-        f"{result.words}: advantage {result.advantage:.3g}{unit}, "
-        f"95 % interval {result.low:.3g} to {result.high:.3g}"
+        f"{result.words}: advantage {_number(result.advantage, 3)}{unit}, "
+        f"95 % interval {_number(result.low, 3)} to {_number(result.high, 3)}"
     )
     stale = "; stale: the code has changed since" if row.stale else ""
     return (

@@ -17,14 +17,21 @@ __all__ = ["PACKAGES", "code_hash", "imported_modules"]
 PACKAGES = ("posecore", "data_tools", "book")
 """The packages of this project; what others change, a pinned environment keeps still."""
 
+HOME = Path(__file__).resolve().parents[2]
+"""The folder they stand in. A notebook's kernel runs elsewhere, and may find another `book`."""
+
+LOADERS = ("checks", "drawing")
+"""Functions of `posecore.book.parts`: `checks("01_name")` runs `book/checks/01_name.py`."""
+
 
 def code_hash(module: str) -> str:
     """A hash of a module and of all modules of this project that it imports, however indirectly.
 
     It is taken over the names and bytes of the files, so a comment changes it too: an alarm too
     many costs a measurement, one too few a wrong number. Line ends do not count, as Git may change
-    them. Imports count wherever they stand, also `import_module("a literal name")`; a name that is
-    put together while running is not seen.
+    them. Imports count wherever they stand, also `import_module("a literal name")` and the parts of
+    a chapter, `checks("a literal name")` and `drawing("a literal name")`; a name that is put
+    together while running is not seen.
 
     Raises:
         ValueError: if there is no such module, or one of the files is no Python.
@@ -71,10 +78,15 @@ def _find(name: str, specs: dict[str, ModuleSpec | None]) -> ModuleSpec | None:
         package = name.rpartition(".")[0]
         if package:
             folder = getattr(_find(package, specs), "submodule_search_locations", None)
-            specs[name] = PathFinder.find_spec(name, list(folder)) if folder is not None else None
+            # Asked for by its last name: by its whole name a folder in a folder, both without
+            # __init__.py, would want the outer one to have been imported.
+            last = name.rpartition(".")[2]
+            specs[name] = PathFinder.find_spec(last, list(folder)) if folder is not None else None
         elif name != "__main__":  # a script or a notebook; other programs call themselves so too
+            if name in PACKAGES:
+                specs[name] = PathFinder.find_spec(name, [str(HOME)])
             with contextlib.suppress(ImportError, ValueError):  # a module put together by hand
-                specs[name] = importlib.util.find_spec(name)
+                specs[name] = specs[name] or importlib.util.find_spec(name)
     return specs[name]
 
 
@@ -92,9 +104,19 @@ def _imports(path: Path, package: str) -> Iterator[str]:
             base = ".".join((above if node.level else []) + ([node.module] if node.module else []))
             yield base
             yield from (f"{base}.{alias.name}" for alias in node.names)
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
-            yield from (a.value for a in node.args[:1] if _is_text(a))  # type: ignore[attr-defined]
+        elif isinstance(node, ast.Call):
+            yield from _loads(node, package)
 
 
-def _is_text(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and isinstance(node.value, str)
+def _loads(call: ast.Call, package: str) -> Iterator[str]:
+    """The module that a call loads by a literal name."""
+    function = ast.unparse(call.func).rpartition(".")[2]
+    first = call.args[0] if call.args else None
+    if not (isinstance(first, ast.Constant) and isinstance(first.value, str)):
+        return
+    if function == "import_module":
+        # Relative ones are taken to be meant from here, as `import_module(".name", __package__)`.
+        with contextlib.suppress(ImportError):
+            yield importlib.util.resolve_name(first.value, package)
+    elif function in LOADERS:
+        yield f"book.{function}.{first.value}"

@@ -17,6 +17,7 @@ import inspect
 import json
 import os
 import platform
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -27,11 +28,11 @@ import torch
 import posecore
 from posecore.arrays import fail, require_integer, require_number
 from posecore.book.claims import FEWEST_SEEDS, Claim, Row
-from posecore.book.fingerprint import code_hash, imported_modules
+from posecore.book.fingerprint import HOME, code_hash, imported_modules
 from posecore.files import write_bytes
 from posecore.scale import scale
 
-__all__ = ["measure", "read_ledger", "record"]
+__all__ = ["all_rows", "measure", "read_ledger", "record"]
 
 
 def measure(
@@ -170,6 +171,31 @@ def read_ledger(path: Path) -> list[Row]:
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: damaged ledger: {error!r}") from error
     return rows
+
+
+def all_rows(book: Path = HOME / "book") -> dict[str, list[Row]]:
+    """The rows of all ledgers, by page, in the order of the table of contents.
+
+    Args:
+        book: the folder of a book: `site/contents.toml` names its pages, `claims/NAME.json` are
+            their ledgers. Found beside the library, wherever a notebook runs.
+
+    Returns:
+        page -> its rows, without pages that have none; `ledger_table` shows them.
+
+    Raises:
+        ValueError: if there is no table of contents, a ledger is damaged, or belongs to no page.
+    """
+    contents = Path(book) / "site" / "contents.toml"
+    try:
+        pages = [page["name"] for page in tomllib.loads(contents.read_text("utf-8"))["page"]]
+    except (KeyError, OSError, TypeError, ValueError) as error:
+        raise ValueError(f"book: expected {contents} to name its pages: {error!r}") from error
+    folder = Path(book) / "claims"
+    if strays := {path.stem for path in folder.glob("*.json")} - set(pages):
+        fail("book", f"a page for each ledger in {folder}", f"{sorted(strays)} without one")
+    rows = {page: read_ledger(folder / f"{page}.json") for page in pages}
+    return {page: found for page, found in rows.items() if found}
 
 
 def _code_now(module: str) -> str | None:

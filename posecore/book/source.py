@@ -44,6 +44,8 @@ def show_source(thing: Any, *, docstrings: bool = True, hide: Sequence[str] = ()
         ValueError: if `thing` is neither class nor function, if it has no file (built in, or typed
             in a notebook), or if `hide` names no method of it.
     """
+    if isinstance(hide, str):
+        fail("hide", "a sequence of names of methods", repr(hide))
     if not (inspect.isclass(thing) or inspect.isroutine(thing)):
         fail("thing", "a class or a function", f"an instance of {type(thing).__name__}")
     thing = inspect.unwrap(thing)

@@ -48,7 +48,7 @@ def _short(text: str) -> str:
 def difference(
     got: Any,
     expected: Any,
-    tolerance: float,
+    tolerance: float | None,
     compare_as: Callable[[Any], Any] | None = None,
 ) -> str:
     """In words, how `got` differs from `expected`; empty where it does not.
@@ -59,7 +59,8 @@ def difference(
 
     Args:
         got, expected: the two results.
-        tolerance: how far numbers may be apart: `tolerance * (1 + |expected|)`.
+        tolerance: how far numbers may be apart: `tolerance * (1 + |expected|)`; None compares kinds
+            and shapes only.
         compare_as: applied to both before values are compared, after kind and shape were.
     """
     words = _differ(got, expected, None)

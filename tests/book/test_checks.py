@@ -76,6 +76,31 @@ def test_edits_in_place_harm_nothing() -> None:
     assert np.array_equal(shared, np.arange(4.0))
 
 
+def test_an_array_of_the_caller_must_stay_as_it_was() -> None:
+    def one(rng: np.random.Generator) -> Iterator[tuple]:
+        yield "ones", np.ones(2), torch.full((2,), torch.nan)
+
+    def reference(points: np.ndarray, more: torch.Tensor) -> float:
+        return float(points.sum())
+
+    def student(points: np.ndarray, more: torch.Tensor) -> float:
+        points *= 2
+        return float(points.sum()) / 2
+
+    answer = Exercise(reference, one)(student)
+    assert answer.status == NOT_RIGHT
+    assert answer.line.endswith(
+        ": it changes its points, which belongs to the caller; work on a copy."
+    )
+    changed = Exercise(reference, one)(lambda p, m: (m.zero_(), reference(p, m))[1])
+    assert "it changes its more" in changed.line
+    assert Exercise(reference, one)(reference).status == DONE
+    # Where changing it is the exercise, the reference does so too.
+    in_place = Exercise(student, one)
+    assert in_place(student).status == DONE
+    assert "it changes its points" in in_place(reference).line
+
+
 def test_compare_as() -> None:
     def turn(rng: np.random.Generator) -> Iterator[tuple]:
         yield "a turn", rng.normal(size=4)
@@ -84,6 +109,67 @@ def test_compare_as() -> None:
     assert check(lambda q: -q).status == DONE
     assert check(lambda q: q[:3]).line.endswith(": expected shape (4,), got shape (3,).")
     assert check(lambda q: 2 * q).status == NOT_RIGHT
+
+
+def one_root(n: float) -> float:
+    return n**0.5
+
+
+def root_inputs(rng: np.random.Generator) -> Iterator[tuple]:
+    yield "four", 4.0
+    yield "nine", 9.0
+
+
+def is_root(result: float, n: float) -> str:
+    if result > 100:
+        raise ValueError(f"result: expected at most 100,\n got {result}")
+    if result < -100:
+        raise ValueError
+    return "" if result * result == n else f"expected a root of {n}, got {result}"
+
+
+def test_a_judge_takes_any_right_answer() -> None:
+    check = Exercise(one_root, root_inputs, judge=is_root, hints=HINTS)
+    for student in (one_root, lambda n: -(n**0.5), lambda n: 2 if n == 4 else -3.0):
+        assert check(student).line == "one_root: done, 2 inputs pass."
+
+
+@pytest.mark.parametrize(
+    ("student", "words"),
+    [
+        (lambda n: 2.0, "nine (n = 9): expected a root of 9.0, got 2.0."),
+        (lambda n: 101.0, "four (n = 4): result: expected at most 100, got 101.0."),
+        (lambda n: -101.0, "four (n = 4): it is refused."),
+        (lambda n: "2", "four (n = 4): expected a number, got text."),
+        (lambda n: np.ones(2), "four (n = 4): expected a number, got an array of shape (2,)."),
+        (lambda n: np.nan, "four (n = 4): expected a root of 4.0, got nan."),
+        (lambda n: n / 0, "four (n = 4): it raised ZeroDivisionError: float division by zero"),
+    ],
+)
+def test_a_judge_says_what_is_wrong(student: Any, words: str) -> None:
+    answer = Exercise(one_root, root_inputs, judge=is_root)(student)
+    assert answer.status == NOT_RIGHT
+    assert answer.line.startswith(f"one_root: not right yet. On {words}")
+
+
+def test_a_judge_leaves_a_stub_alone_and_sees_the_inputs_as_they_were() -> None:
+    def reference(points: np.ndarray) -> np.ndarray:
+        return points
+
+    def cloud(rng: np.random.Generator) -> Iterator[tuple]:
+        yield "ones", np.ones(2)
+
+    def judge(result: np.ndarray, points: np.ndarray) -> str:
+        return "" if (points == 1).all() else "the inputs changed"
+
+    def edits(points: np.ndarray) -> np.ndarray:
+        points[:] = 7
+        return points
+
+    check = Exercise(reference, cloud, judge=judge)
+    assert "it changes its points" in check(edits).line  # and not what the judge would say
+    assert check(lambda points: None).status == NOT_DONE
+    assert check(lambda points: ...).status == NOT_DONE
 
 
 def test_where_the_reference_refuses_the_student_must_too() -> None:
@@ -388,6 +474,12 @@ def test_the_page_shows_the_line_escaped() -> None:
     assert [page[page.index(">") + 1] for page in pages] == ["✓", "…", "✗"]
 
 
+def test_a_hint_begins_a_line_of_its_own_on_the_page() -> None:
+    answer = answer_to(3, hints=HINTS)
+    assert answer._repr_html_().endswith("got 3.<br>Hint 1 of 2: Weigh first.</div>")
+    assert "\n" not in answer.line
+
+
 def test_use_goes_on_with_the_library_unless_done() -> None:
     student = lambda p, w: centroid(p, w)  # noqa: E731
     assert use(check(student), centroid) is student
@@ -438,6 +530,7 @@ def yielding(*items: Any) -> Callable[..., Any]:
             lambda: answer_to(stub, seconds=0),
             "seconds: expected a finite number above 0, got 0.0",
         ),
+        (lambda: answer_to(stub, judge=3), "judge: expected a function, got 3"),
         (lambda: answer_to(stub, seed=0.5), "seed: expected an integer of at least 0, got 0.5"),
         (
             lambda: Exercise(centroid, yielding())(stub),

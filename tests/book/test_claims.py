@@ -95,6 +95,52 @@ def test_cases(favoured: list[float], other: list[float], better: str, words: st
     assert verdict(favoured, other, better).words == words
 
 
+@pytest.mark.parametrize(
+    ("gains", "advantage", "low", "high", "words"),
+    [
+        # Standard deviation 1; t(2 degrees of freedom) = 4.30265; 4.30265 / sqrt(3) = 2.48414.
+        ([1, 2, 3], 2, -0.48414, 4.48414, "holds in part"),
+        ([2, 3, 4], 3, 0.51586, 5.48414, "holds"),
+        ([-3, -2, -1], -2, -4.48414, 0.48414, "does not hold here"),
+        # Deviations -2, -1, 0, 1, 2: sqrt(10 / 4) = 1.58114; t(4) = 2.77645; times / sqrt(5).
+        ([0, 1, 2, 3, 4], 2, 0.03676, 3.96324, "holds"),
+        ([-1, 0, 1, 2, 3], 1, -0.96324, 2.96324, "holds in part"),
+    ],
+)
+def test_the_rule_worked_out_by_hand(
+    gains: list[float], advantage: float, low: float, high: float, words: str
+) -> None:
+    other = [10 + 7 * seed for seed in range(len(gains))]
+    for better, sign in (("higher", 1), ("lower", -1)):
+        favoured = [b + sign * gain for b, gain in zip(other, gains, strict=True)]
+        result = verdict(favoured, other, better)
+        assert result.words == words
+        assert result[1:] == pytest.approx((advantage, low, high), abs=5e-5)
+
+
+def test_numbers_are_written_without_powers_of_ten() -> None:
+    values = {seed: {"6D": 12345.6 + seed, "quat": 25000.0 * seed} for seed in (1, 2, 3)}
+    text = repr(ledger_table([Row(CLAIM, values, CONDITIONS, False)]))
+    assert "here:  6D 12348 ± 1 degrees; quat 50000 ± 25000 degrees" in text
+    assert "e+" not in text
+
+
+def test_rows_stand_under_the_names_of_their_pages() -> None:
+    table = ledger_table({"01_a": [ROW, ROW], "02_<b>": [ROW], "03_none": []})
+    lines = repr(table).splitlines()
+    assert lines[:4] == ["01_a", "----", "", "6D < quaternions (Table IV)"]
+    assert [lines.count(name) for name in ("01_a", "02_<b>", "03_none")] == [1, 1, 0]
+    cells = Cells(table._repr_html_())
+    assert not cells.open
+    heads = [text for tag, text in cells.texts if tag == "th"]
+    assert heads == ["Claim", "Source", "Paper", "Here", "Verdict", "01_a", "02_<b>"]
+    plain = repr(ledger_table([ROW, ROW, ROW]))
+    assert [line for line in lines if line[:2] not in ("01", "02", "--")].count("") >= 3
+    assert repr(table).endswith(plain.splitlines()[-1])
+    assert repr(ledger_table({})) == "No claims have been measured yet."
+    assert ledger_table([ROW]).rows == ledger_table({"": [ROW]}).rows
+
+
 def test_equal_differences_that_round_have_no_spread() -> None:
     result = verdict([0.1, 0.1, 0.1], [0, 0, 0], "higher")
     assert result.low == result.advantage == result.high

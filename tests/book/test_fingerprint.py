@@ -1,5 +1,6 @@
 """Which files a measurement depends on, found without running any of them."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -150,6 +151,58 @@ def test_the_hash_does_not_depend_on_the_folder_or_the_machine(house: Path, tmp_
         [sys.executable, "-c", program, str(moved)], capture_output=True, text=True, check=True
     )
     assert result.stdout.strip() == code_hash("house.room")
+
+
+def test_relative_names_and_parts_of_a_chapter_are_imports(house: Path) -> None:
+    (house / "house/loads.py").write_text(
+        "from importlib import import_module\n"
+        "from posecore.book import parts\nfrom posecore.book.parts import checks\n"
+        "import_module('.alone', __package__)\nimport_module('....far', __package__)\n"
+        "import_module()\nimport_module(name)\nchecks(name)\n"
+        "a, b = checks('05_x'), parts.drawing('05_x')\n"
+    )
+    for part in ("checks", "drawing"):
+        (house / "book" / part).mkdir(parents=True)
+        (house / "book" / part / "05_x.py").write_text("import house.circle_a\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fingerprint, "PACKAGES", ("house", "book"))
+        patch.setattr(fingerprint, "HOME", house)
+        found = set(imported_modules("house.loads"))
+    circle = {"house", "house.circle_a", "house.circle_b"}
+    assert found == circle | {
+        "house.loads",
+        "house.alone",
+        "book.checks.05_x",
+        "book.drawing.05_x",
+    }
+
+
+def test_the_book_is_found_beside_the_library_wherever_a_kernel_runs(tmp_path: Path) -> None:
+    """As in an installed environment: the library can be imported, the folder `book` cannot."""
+    decoy = tmp_path / "book" / "drawing"
+    decoy.mkdir(parents=True)
+    (decoy / "index.py").write_text("a decoy")
+    # A folder in a folder, both without __init__.py, as `book/experiments` is.
+    assert (fingerprint.HOME / "book/drawing/index.py").is_file()
+    program = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import posecore.book.fingerprint as f;"
+        "sys.path.remove(sys.argv[1]); sys.path.insert(0, '');"
+        "print(f.code_hash('book.drawing.index'), f.imported_modules('book.drawing.index'))"
+    )
+    answers = set()
+    for folder in (tmp_path, fingerprint.HOME / "book"):
+        result = subprocess.run(
+            [sys.executable, "-P", "-c", program, str(fingerprint.HOME)],
+            cwd=folder,
+            env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        answers.add(result.stdout)
+    assert answers == {
+        f"{code_hash('book.drawing.index')} {imported_modules('book.drawing.index')}\n"
+    }
 
 
 def test_the_library_itself() -> None:

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 import posecore
 from posecore.book import fingerprint, ledger
 from posecore.book.claims import Claim
-from posecore.book.ledger import measure, read_ledger, record
+from posecore.book.ledger import all_rows, measure, read_ledger, record
 
 CLAIM = Claim("c", "a is lower", "Table 1", "lower", "a", "b", (1.0, None), "m", "mm")
 MEASURED = """
@@ -338,6 +338,38 @@ def test_numbers_come_back_to_the_last_bit(values: dict[int, dict[str, float]]) 
         assert measure("m", table, list(values), target) == values
         record([CLAIM], target)
         assert read_ledger(target)[0].values == values
+
+
+def test_all_ledgers_in_the_order_of_the_contents(house: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "site").mkdir()
+    contents = tmp_path / "site" / "contents.toml"
+    contents.write_text("".join(f'[[page]]\nname = "{name}"\n' for name in ("b", "05", "a")))
+    assert all_rows(tmp_path) == {}
+    for name in ("05", "b"):
+        measure("m", house.table, range(3), tmp_path / "claims" / f"{name}.json")
+        record([CLAIM], tmp_path / "claims" / f"{name}.json")
+    rows = all_rows(tmp_path)
+    assert list(rows) == ["b", "05"]
+    assert rows["05"] == read_ledger(tmp_path / "claims" / "05.json")
+    record([CLAIM], tmp_path / "claims" / "05.json")
+    (tmp_path / "claims" / "05.json").rename(tmp_path / "claims" / "06.json")
+    with pytest.raises(ValueError, match=r"book: expected a page for each ledger in .*\['06'\]"):
+        all_rows(tmp_path)
+    (tmp_path / "claims" / "06.json").rename(tmp_path / "claims" / "a.json")
+    (tmp_path / "claims" / "a.json").write_text("{")
+    with pytest.raises(ValueError, match=r"a\.json: damaged ledger"):
+        all_rows(tmp_path)
+    for text in ("page = 3", "[", ""):
+        contents.write_text(text)
+        with pytest.raises(ValueError, match=r"book: expected .*contents\.toml to name its pages"):
+            all_rows(tmp_path)
+    contents.unlink()
+    with pytest.raises(ValueError, match=r"book: expected .*contents\.toml to name its pages"):
+        all_rows(tmp_path)
+
+
+def test_the_ledgers_of_the_book_itself() -> None:
+    assert all(rows for rows in all_rows().values())
 
 
 # What is refused --------------------------------------------------------------------------------

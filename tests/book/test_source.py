@@ -241,6 +241,10 @@ def typed_in_a_notebook() -> Callable[[], int]:
             "hide: expected names of methods, got 'a', 'forward'",
         ),
         (
+            lambda: show_source(Source, hide="forward"),
+            "hide: expected a sequence of names of methods, got 'forward'",
+        ),
+        (
             lambda: show_source(poses.apply, hide=["apply"]),
             "hide: expected names of methods, got 'apply'",
         ),

@@ -148,6 +148,14 @@ def test_tolerance_is_absolute_and_relative() -> None:
         assert difference(expected + 1.01 * edge, expected, 1e-3) != ""
 
 
+def test_without_a_tolerance_only_kinds_and_shapes_are_compared() -> None:
+    assert difference((np.ones(3), 1.0), (np.zeros(3), np.nan), None) == ""
+    assert difference("one", "two", None) == ""
+    assert difference(np.ones(2), np.zeros(3), None) == "expected shape (3,), got shape (2,)"
+    assert difference(1.5, 1, None) == "expected whole numbers, got real numbers"
+    assert difference([1], (1,), None) == "expected a tuple, got a list"
+
+
 def test_compare_as_comes_after_kind_and_shape() -> None:
     q = np.array([0.6, -0.8, 0.0, 0.0])
     assert difference(-q, q, 1e-9) != ""
