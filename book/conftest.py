@@ -1,0 +1,35 @@
+"""Every notebook of the book is a test: nbval runs it at `tiny`, in the same world for everybody.
+
+The options of nbval stand in pyproject.toml. A cell fails if it raises, so correctness lies in the
+assertions on the page; what nbval passes over, `book.making.checking` refuses.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from book.making.execution import environment
+
+collect_ignore = ["my_work", "_build"]
+
+PROFILE = pytest.StashKey[Path]()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
+    """The first cell of a notebook starts its kernel."""
+    with environment("tiny", _profile(item.config)):
+        return (yield)
+
+
+def _profile(config: pytest.Config) -> Path:
+    """An empty folder that the kernels of this run share."""
+    if PROFILE not in config.stash:
+        folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        config.add_cleanup(folder.cleanup)
+        config.stash[PROFILE] = Path(folder.name)
+    return config.stash[PROFILE]

@@ -1,0 +1,149 @@
+#!/usr/bin/env python
+"""The one tool of the book.
+
+A page is a pair: NN_name.py, the source, and NN_name.ipynb, what it shows when run. Edit either,
+in an editor or in JupyterLab. Then, for every page NN that you touched:
+
+  python book/make.py pair NN       bring notebook, solutions and exercises in step
+  python book/make.py execute NN    run the page and store what it shows (minutes)
+  python book/make.py check         say what is not fit to be committed
+  pytest book -k NN                 run page, solutions and exercises, at a small scale
+
+Solutions are written in solutions/NN_name.py; exercises are generated from them, never edited.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+# Not the folder of this script, whose `site` and `checks` others could mistake for their own.
+sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+from book.making.contents import BOOK, Page, find_page, pages  # noqa: E402
+from posecore.scale import SCALES  # noqa: E402
+
+
+def pair(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
+    """Bring both sides of pages and solutions in step; generate the exercises."""
+    from book.making import exercises, notebooks
+
+    for page in chosen:
+        notebooks.pair(BOOK / f"{page.name}.py")
+        if page.exercises:
+            notebooks.pair(BOOK / "solutions" / f"{page.name}.py")
+            exercises.generate(page, BOOK)
+        print(f"{page.name}: in step")
+
+
+def execute(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
+    """Run pages from their sources and store what they show."""
+    from book.making import execution
+
+    for page in chosen:
+        start = time.monotonic()
+        execution.execute(BOOK / f"{page.name}.py", arguments.scale)
+        size = (BOOK / f"{page.name}.ipynb").stat().st_size / 1e6
+        print(f"{page.name}: executed in {time.monotonic() - start:.0f} s, {size:.2f} MB")
+
+
+def strip(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
+    """Remove all outputs of pages."""
+    from book.making import notebooks
+
+    for page in chosen:
+        path = BOOK / f"{page.name}.ipynb"
+        notebooks.write_notebook(notebooks.strip(notebooks.read_notebook(path)), path)
+        path.with_suffix(".py").touch()  # JupyterLab expects it to be no older
+        print(f"{page.name}: no outputs")
+
+
+def start(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
+    """Copy exercises to book/my_work, to be worked on; a file that is there already stays."""
+    from book.making import exercises
+
+    for page in chosen:
+        try:
+            if arguments.pages or page.exercises:
+                print(f"{page.name}: open {exercises.start(page)}")
+        except FileExistsError as error:
+            if arguments.pages:
+                raise
+            print(error)  # and on to the next
+
+
+def train(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
+    """Train the networks that pages ship, into book/checkpoints."""
+    from book.making import ledgers
+
+    for page in chosen:
+        ledgers.train(page.name, BOOK)
+
+
+def claims(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
+    """Measure what papers claim, into book/claims; goes on where it was stopped."""
+    from book.making import ledgers
+
+    for page in chosen:
+        ledgers.claims(page.name, BOOK)
+
+
+def site(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
+    """Build the site of the whole book, into book/_build/html."""
+    from book.making import site
+
+    print(f"open {site.build() / 'index.html'}")
+
+
+def check(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
+    """Say what makes the book unfit to be committed; nothing is run."""
+    from book.making import checking
+
+    found = checking.problems(BOOK, chosen if arguments.pages else None)
+    if found:
+        print("\n".join(found))
+        raise ValueError(f"{len(found)} problem{'s' * (len(found) > 1)}")
+    print("fit to be committed")
+
+
+COMMANDS: tuple[Callable[[Sequence[Page], argparse.Namespace], None], ...] = (
+    *(pair, execute, strip, start, train, claims, site, check),
+)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run one command; the exit status is 1 if it did not succeed."""
+    arguments = _parser().parse_args(words)
+    try:
+        named = getattr(arguments, "pages", [])
+        chosen = tuple(find_page(name, BOOK) for name in named) or pages(BOOK)
+        arguments.command(chosen, arguments)
+    except (ValueError, OSError) as error:
+        print(f"make.py {arguments.command.__name__}: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="make.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for function in COMMANDS:
+        words = function.__doc__.rstrip(".")
+        command = commands.add_parser(function.__name__, help=words, description=words)
+        command.set_defaults(command=function)
+        if function is not site:
+            command.add_argument(
+                "pages", nargs="*", metavar="PAGE", help="number or name; without any, all pages"
+            )
+        if function is execute:
+            command.add_argument("--scale", choices=SCALES, default="book", help="default: book")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
