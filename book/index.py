@@ -1,0 +1,133 @@
+# ---
+# jupyter:
+#   jupytext:
+#     cell_metadata_filter: tags,-all
+#     formats: ipynb,py:percent
+#     notebook_metadata_filter: jupytext,-jupytext.text_representation,-kernelspec
+# ---
+
+# %% [markdown]
+# # 6-DoF object pose estimation: the book that you can run
+#
+# A camera looks at an object. Where is the object, and how is it turned? Six numbers answer: three
+# for the place, three for the turn. They are called its **pose**, and a robot that wants to grasp,
+# a headset that wants to draw and a car that watches its driver all need it.
+#
+# This book builds five research papers on that question, step by step, in notebooks that run on a
+# laptop without a GPU and without a network. Nothing is downloaded: small worlds are drawn by the
+# book itself, and every number on a page was printed by the cell above it.
+
+# %%
+from posecore.book.parts import drawing
+
+draw = drawing("index")
+draw.map_of_the_book()
+
+# %% [markdown]
+# Five papers are five roads to the same place. They differ in what they look at, in what they ask a
+# network to say, and in what geometry does with the answer. A network that says the pose itself
+# needs no geometry. One that says something easier, such as a vector per pixel, leaves the rest to
+# a solver. Which is better, and when? The last chapter lets all of them compete.
+#
+# ## The pages
+#
+# | | page | what you build |
+# |---|---|---|
+# | 1 | [Poses and cameras](01_poses_and_cameras.ipynb) | a pose, a camera, three classical solvers, and every metric of the five papers |
+# | 2 | Three small worlds | a renderer from one triangle on, and the data of all later chapters |
+# | 3 | Infrared to clouds | a point cloud from one infrared image |
+# | 4 | Points to pose | PointNet++, voting, and the pose of AR glasses on a head |
+# | 5 | Learnable rotations | what numbers a network should say for a rotation |
+# | 6 | Poses as sets | all objects of an image at once |
+# | 7 | Rotation invariance | features that do not change when the object turns |
+# | 8 | Vector fields | PVNet, a loss in pixels, and knowing when to refine |
+# | 9 | Colour-aware refinement | DenseFusion, improved step by step |
+# | 10 | The arena | every method on one test |
+#
+# Pages without a link are being written. Each chapter has exercises, and each exercise has a check
+# that answers at once: [those of chapter 1](exercises/01_poses_and_cameras.ipynb), and
+# [their solutions](solutions/01_poses_and_cameras.ipynb).
+#
+# ## How to run it
+#
+# In a virtual environment with Python 3.11, at the top of the project:
+#
+# ```
+# pip install -r environment.txt && jupyter lab book/index.ipynb
+# ```
+#
+# Open a chapter, run its cells from the top, change a number, run again. For the exercises, take a
+# copy that no update will touch:
+#
+# ```
+# python book/make.py start 01
+# ```
+#
+# It lies in `book/my_work` then. An exercise that you leave unfinished never stops the page: from
+# there on the page uses the library's version.
+#
+# Three settings in the environment change how the pages run:
+#
+# | variable | values | effect |
+# |---|---|---|
+# | `POSECORE_SCALE` | `tiny`, `book` (default), `paper` | how much data and training; the code is the same |
+# | `POSECORE_DATA` | a folder | real data of the field, which the pages then show |
+# | `POSECORE_RETRAIN` | `1` | train where a stored network would be loaded |
+
+# %%
+from posecore.scale import scale
+
+print("This page runs at scale:", scale())
+
+# %% [markdown]
+# ## What the papers claim, and what we measured
+#
+# Every claim of a paper that the book could measure is a row here: the paper's numbers, ours with
+# their spread over seeds, and a verdict by a fixed rule. Take the paired difference over the seeds
+# and the 95 % interval of its mean. The claim *holds* if the interval lies on the paper's side of
+# zero, it *holds in part* if only the mean does, and otherwise it *does not hold here*. A row is
+# marked stale when the code that measured it has changed since.
+
+# %%
+from posecore.book.claims import ledger_table
+from posecore.book.ledger import all_rows
+
+ledger_table(all_rows())
+
+# %% [markdown]
+# ## Notation
+#
+# | written | in code | is |
+# |---|---|---|
+# | $R$ | `R`, (..., 3, 3) | rotation from the object's frame to the camera's |
+# | $t$ | `t`, (..., 3) | translation: the object's origin as the camera sees it, in metres |
+# | $X_\mathrm{cam} = R\,X_\mathrm{obj} + t$ | `poses.apply` | what a pose does to a point |
+# | $K$ | `K`, (..., 3, 3) | camera matrix, from metres in front of the camera to pixels |
+# | $q = (w, x, y, z)$ | `q`, (..., 4) | unit quaternion, real part first |
+# | $\hat R, \hat t$ | `R_est`, `t_est` | an estimate |
+# | $d$ | `diameter` | the largest distance between two points of an object |
+#
+# The camera looks along $z$; $x$ points right and $y$ down. The centre of the first pixel is
+# $(0, 0)$. Lengths are metres and angles radians; degrees and millimetres appear in figures and
+# tables, which say so. `...` stands for any number of batch dimensions.
+#
+# ## Glossary
+#
+# | word | meaning |
+# |---|---|
+# | **6-DoF pose** | rotation and translation, three degrees of freedom each |
+# | **instance level** | the very object is known beforehand, often as a mesh |
+# | **category level** | only its kind is known: a mug, though not which; its size is estimated too |
+# | **object frame** | the coordinates of the object's own model, origin often in its middle |
+# | **keypoint** | a chosen point of the model that is looked for in the image |
+# | **PnP** | perspective-n-point: the pose from points of the model and their pixels |
+# | **RANSAC** | solve from few matches many times, keep the solution that most others agree with |
+# | **ICP** | iterative closest point: match nearest points, align, repeat |
+# | **Umeyama** | the best rotation, translation and scale between two matched clouds |
+# | **ADD, ADD-S** | mean distance of the model's points between two poses; to the nearest point |
+# | **AUC** | area under the curve of accuracy against threshold |
+# | **AP** | average precision: area under precision against recall |
+# | **ground truth** | the pose that one believes in when one measures an estimate |
+# | **BOP** | a benchmark of the field, whose files this book reads and writes |
+#
+# Next: [chapter 1, poses and cameras](01_poses_and_cameras.ipynb).
