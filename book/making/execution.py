@@ -8,17 +8,22 @@ import os
 import re
 import subprocess
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from queue import Empty
 from typing import Any
 
 from ipykernel.kernelspec import RESOURCES, get_kernel_dict
+from jupyter_client.asynchronous import AsyncKernelClient
+from jupyter_client.channels import AsyncZMQSocketChannel
 from jupyter_client.kernelspec import KernelSpec, KernelSpecManager
 from jupyter_client.manager import AsyncKernelManager
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
 from nbformat import NotebookNode
+from traitlets import Type
 
 from book.making.contents import ROOT
 from book.making.notebooks import (
@@ -153,9 +158,35 @@ class _ThisPython(KernelSpecManager):
         return KernelSpec(resource_dir=RESOURCES, **get_kernel_dict())
 
 
+class _Channel(AsyncZMQSocketChannel):
+    """Looks for a reply once a second, whatever it is told.
+
+    A widget makes nbclient send on the socket on which it waits, and ZeroMQ may take the sending
+    for the news that a reply is there (nbclient's issue 312): the reply then lies unread until the
+    cell's time is over.
+    """
+
+    async def get_msg(self, timeout: float | None = None) -> dict[str, Any]:
+        end = float("inf") if timeout is None else time.monotonic() + timeout
+        while True:
+            left = max(0.0, end - time.monotonic())
+            try:
+                return await super().get_msg(min(left, 1.0))
+            except Empty:
+                if left <= 1.0:
+                    raise
+
+
+class _Client(AsyncKernelClient):
+    shell_channel_class = Type(_Channel)
+
+
 class _Kernel(AsyncKernelManager):
     def _kernel_spec_manager_default(self) -> KernelSpecManager:
         return _ThisPython()
+
+    def _client_factory_default(self) -> type[AsyncKernelClient]:
+        return _Client
 
 
 def _run(nb: NotebookNode, source: Path, scale: str) -> None:

@@ -1,8 +1,12 @@
+import asyncio
 import json
 import os
 import sys
+import time
+from queue import Empty
 
 import pytest
+from jupyter_client.channels import AsyncZMQSocketChannel
 from nbformat.v4 import new_code_cell, new_notebook, new_output
 
 from book.making import execution
@@ -253,3 +257,37 @@ def test_what_a_page_shows_from_elsewhere_counts(tmp_path):
     assert changed == [(True, False), (False, False), (True, True), (False, True)]
     (tmp_path / "drawing" / "index.py").write_bytes(b"x = 1\r\n")  # as Git may write it
     assert inputs_digest(index) == digests["drawing/index.py"][1]
+
+
+@pytest.mark.parametrize("timeout", [None, 30.0])
+def test_a_reply_whose_news_got_lost_is_found_within_a_second(monkeypatch, timeout):
+    """With many widgets a page took its timeout more than once (nbclient's issue 312)."""
+    waits = []
+
+    async def deaf_at_first(self, timeout=None):
+        waits.append(timeout)
+        if len(waits) < 3:
+            raise Empty
+        return {"reply": 1}
+
+    monkeypatch.setattr(AsyncZMQSocketChannel, "get_msg", deaf_at_first)
+    channel = execution._Channel.__new__(execution._Channel)
+    assert asyncio.run(channel.get_msg(timeout)) == {"reply": 1}
+    assert waits == [1.0, 1.0, 1.0]
+
+
+def test_a_reply_that_does_not_come_is_missed_in_time(monkeypatch):
+    async def never(self, timeout=None):
+        await asyncio.sleep(timeout)
+        raise Empty
+
+    monkeypatch.setattr(AsyncZMQSocketChannel, "get_msg", never)
+    channel = execution._Channel.__new__(execution._Channel)
+    start = time.monotonic()
+    with pytest.raises(Empty):
+        asyncio.run(channel.get_msg(1.3))
+    assert 1.2 < time.monotonic() - start < 3
+
+
+def test_the_kernel_of_a_page_is_listened_to_in_that_way():
+    assert execution._Kernel().client_factory.shell_channel_class.klass is execution._Channel
