@@ -7,6 +7,7 @@ from data_tools.bop.dataset import BopDataset
 from data_tools.bop.models import ModelInfo, Models
 from data_tools.bop.results import read_results, write_results
 from data_tools.bop.rotations import RotationWarning
+from data_tools.bop.writing import write_dataset
 
 __all__ = [
     "BopDataset",
@@ -14,5 +15,6 @@ __all__ = [
     "Models",
     "RotationWarning",
     "read_results",
+    "write_dataset",
     "write_results",
 ]

@@ -1,0 +1,54 @@
+"""The version of the code that makes a world."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+from pathlib import Path
+
+from posecore.arrays import fail
+
+__all__ = ["code_version"]
+
+
+def code_version(*modules: str) -> str:
+    """A hash of the source of modules, to be the version of the worlds that they make.
+
+    A comment changes it too: a world made once too often costs minutes, an old one taken for new
+    costs the trust in every number. Line ends do not count, as Git may change them. What the
+    modules import does not count unless it is named as well.
+
+    Args:
+        modules: names such as "data_tools.worlds"; of a package all modules in it.
+
+    Returns:
+        16 hexadecimal digits, the same for every order of the names.
+
+    Raises:
+        ValueError: if there are none, or one is no module with a source.
+    """
+    if not modules:
+        fail("modules", "at least one name", "none")
+    digest = hashlib.sha256()
+    for module in sorted(set(modules), key=str):
+        for name, path in _sources(module):
+            data = path.read_bytes().replace(b"\r\n", b"\n")
+            digest.update(f"{name} {len(data)}\n".encode() + data)
+    return digest.hexdigest()[:16]
+
+
+def _sources(module: str) -> list[tuple[str, Path]]:
+    """The files of a module, named alike on every machine."""
+    try:
+        spec = importlib.util.find_spec(module)
+    except (ImportError, ValueError, AttributeError, TypeError):
+        spec = None
+    origin = Path(spec.origin) if spec is not None and spec.origin else None
+    if origin is None or origin.suffix != ".py" or not origin.is_file():
+        fail("modules", "names of modules with a source", repr(module))
+    if origin.name != "__init__.py":
+        return [(module, origin)]
+    files = sorted(
+        (p.relative_to(origin.parent).as_posix(), p) for p in origin.parent.rglob("*.py")
+    )
+    return [(f"{module}/{name}", path) for name, path in files]
