@@ -95,10 +95,11 @@ def draw_scene(scene: Scene, views: Sequence[str], unit: str, alt: str | None) -
     for panel in panels[len(views) :]:
         panel.remove()
     look = {"frameon": False, "fontsize": 9, "columnspacing": 1.2, "handlelength": 1.4}
-    longest = max(len(part.label) for part in scene.parts)
-    fitting = max(1, int(12 * figure.get_figwidth() / (longest + 4)))  # 12 letters an inch
-    place = {"loc": "outside lower center", "ncols": fitting}
-    figure.legend(handles=_legend(scene), **place, **look)
+    if handles := _legend(scene):
+        longest = max(len(handle.get_label()) for handle in handles)
+        fitting = max(1, int(12 * figure.get_figwidth() / (longest + 4)))  # 12 letters an inch
+        place = {"loc": "outside lower center", "ncols": fitting}
+        figure.legend(handles=handles, **place, **look)
     return figure
 
 
@@ -150,7 +151,9 @@ def _draw_view(
     if view == "oblique":
         panel.set(xticks=[], yticks=[])
         panel.spines[:].set_visible(False)
-        _draw_compass(panel, frame, reach * factor, unit)
+        if not any(part.on_top for part in scene.parts):
+            _draw_compass(panel, frame)
+        _draw_length(panel, reach * factor, unit)
     else:
         panel.set(
             xlabel=f"{names[0].lstrip('-')}, {unit}", ylabel=f"{names[1].lstrip('-')}, {unit}"
@@ -180,8 +183,8 @@ def _draw_points(panel: Axes, scene: Scene, frame: np.ndarray, factor: np.ndarra
     drawn.set_paths([paths[kind] for kind in kinds[order]])
 
 
-def _draw_compass(panel: Axes, frame: np.ndarray, reach: float, unit: str) -> None:
-    """In the corners: which way the axes point, and how long a round number of units is."""
+def _draw_compass(panel: Axes, frame: np.ndarray) -> None:
+    """In the corner: which way the axes point."""
     for axis, (letter, colour) in enumerate(AXIS_COLOURS.items()):
         start, tip = np.array([0.09, 0.12]), frame[:2, axis] * 0.08
         panel.plot(
@@ -189,6 +192,10 @@ def _draw_compass(panel: Axes, frame: np.ndarray, reach: float, unit: str) -> No
         )
         look = {"ha": "center", "va": "center", "fontsize": 9, "color": colour}
         panel.text(*(start + 1.45 * tip), letter, transform=panel.transAxes, **look)
+
+
+def _draw_length(panel: Axes, reach: float, unit: str) -> None:
+    """In the other corner: how long a round number of units is."""
     length = 10.0 ** np.floor(np.log10(reach))
     length *= max(n for n in (0.2, 0.5, 1, 2, 5) if n * length <= 0.6 * reach)
     share = length / (2 * reach)
@@ -203,8 +210,11 @@ def _name(direction: np.ndarray) -> str:
 
 
 def _legend(scene: Scene) -> list[Line2D]:
+    """What is what; axes carry their letters in the picture."""
     handles = []
     for part in scene.parts:
+        if part.on_top:
+            continue
         many = part.colours is not None and part.colours.ndim == 2
         colour = INK if part.colours is None else part.colours.mean(0) if many else part.colours
         shape = {} if part.is_lines else {"linestyle": "", "marker": MARKERS[len(handles) % 4]}

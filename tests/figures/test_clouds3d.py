@@ -115,7 +115,7 @@ def test_lines_axes_and_boxes_are_drawn_and_named():
     np.testing.assert_allclose(x.get_segments(), [[[0, 0], [0.5, 0]]], atol=1e-12)
     np.testing.assert_allclose(z.get_segments(), [[[0, 0], [0, 0.5]]], atol=1e-12)
     names = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert names == ["a", "ray", "boxes", "x", "y", "z"]
+    assert names == ["a", "ray", "boxes"]  # axes carry their letters
     assert figure.alt == "a (1 points), ray, boxes, axes; seen from: front; in m"
 
 
@@ -158,3 +158,15 @@ def test_long_names_stay_inside_the_figure(views):
     assert legend.x0 >= 0
     assert legend.x1 <= figure.bbox.x1
     assert legend.y0 >= 0
+
+
+def test_axes_take_the_place_of_the_compass():
+    """Two sets of x, y and z in one corner cannot be told apart."""
+    cloud = {"a": np.random.default_rng(0).normal(size=(20, 3))}
+    letters = {}
+    for axes in (None, (np.eye(3), np.zeros(3))):
+        figure = figures.point_clouds(cloud, axes=axes, views=("oblique",))
+        letters[axes is None] = [text.get_text() for text in figure.axes[0].texts]
+    for drawn in letters.values():
+        assert sorted(drawn)[-3:] == ["x", "y", "z"]
+        assert len(drawn) == 4  # and the length of the scale
