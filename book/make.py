@@ -10,6 +10,11 @@ in an editor or in JupyterLab. Then, for every page NN that you touched:
   pytest book -k NN                 run page, solutions and exercises, at a small scale
 
 Solutions are written in solutions/NN_name.py; exercises are generated from them, never edited.
+A new page is named in site/contents.toml. What belongs to it beside source and solutions:
+
+  drawing/NN_*.py          its figures              (posecore.book.parts.drawing loads them)
+  checks/NN_name.py        checks of its exercises  (posecore.book.checks says how)
+  experiments/NN_name.py   what `claims` measures and `train` trains  (making/ledgers.py says how)
 """
 
 from __future__ import annotations
@@ -29,12 +34,12 @@ from posecore.scale import SCALES  # noqa: E402
 
 def pair(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     """Bring both sides of pages and solutions in step; generate the exercises."""
-    from book.making import exercises, notebooks
+    from book.making import exercises, pairs
 
     for page in chosen:
-        notebooks.pair(BOOK / f"{page.name}.py")
+        pairs.pair(BOOK / f"{page.name}.py")
         if page.exercises:
-            notebooks.pair(BOOK / "solutions" / f"{page.name}.py")
+            pairs.pair(BOOK / "solutions" / f"{page.name}.py")
             exercises.generate(page, BOOK)
         print(f"{page.name}: in step")
 
@@ -52,10 +57,12 @@ def execute(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
 
 def strip(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     """Remove all outputs of pages."""
-    from book.making import notebooks
+    from book.making import notebooks, pairs
 
     for page in chosen:
         path = BOOK / f"{page.name}.ipynb"
+        # Its source is touched: that must not make it the newer one of two that differ.
+        pairs.refuse_lost_edits(path.with_suffix(".py"), path)
         notebooks.write_notebook(notebooks.strip(notebooks.read_notebook(path)), path)
         path.with_suffix(".py").touch()  # JupyterLab expects it to be no older
         print(f"{page.name}: no outputs")
@@ -80,7 +87,7 @@ def train(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     from book.making import ledgers
 
     for page in chosen:
-        ledgers.train(page.name, BOOK)
+        ledgers.train(page.name, BOOK, scale=arguments.scale)
 
 
 def claims(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
@@ -88,7 +95,7 @@ def claims(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     from book.making import ledgers
 
     for page in chosen:
-        ledgers.claims(page.name, BOOK)
+        ledgers.claims(page.name, BOOK, scale=arguments.scale)
 
 
 def site(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
@@ -121,9 +128,14 @@ def main(words: Sequence[str] | None = None) -> int:
         named = getattr(arguments, "pages", [])
         chosen = tuple(find_page(name, BOOK) for name in named) or pages(BOOK)
         arguments.command(chosen, arguments)
-    except (ValueError, OSError) as error:
-        print(f"make.py {arguments.command.__name__}: {error}", file=sys.stderr)
+    except (ValueError, OSError, ModuleNotFoundError) as error:
+        missing = isinstance(error, ModuleNotFoundError)
+        advice = "; pip install -r environment.txt" if missing else ""
+        print(f"make.py {arguments.command.__name__}: {error}{advice}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        print(f"make.py {arguments.command.__name__}: stopped", file=sys.stderr)
+        return 130
     return 0
 
 
@@ -142,6 +154,9 @@ def _parser() -> argparse.ArgumentParser:
             )
         if function is execute:
             command.add_argument("--scale", choices=SCALES, default="book", help="default: book")
+        if function in (train, claims):
+            words = "to try it: at tiny and paper the results go to book/_build/SCALE"
+            command.add_argument("--scale", choices=SCALES, help=words)
     return parser
 
 

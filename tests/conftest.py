@@ -10,6 +10,9 @@ from hypothesis import settings
 
 settings.register_profile("book", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("book")
+# Whatever the user's own settings are; the scale of all tests, for the processes they start too.
+os.environ["POSECORE_SCALE"] = "tiny"
+os.environ.pop("POSECORE_RETRAIN", None)
 torch.set_num_threads(max(1, os.cpu_count() or 1))
 
 BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[2] / "shared" / "real"

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from nbformat import NotebookNode
 
-from book.making.contents import BOOK, ROOT, Page, notebooks, pages
+from book.making.contents import BOOK, PARTS, ROOT, Page, notebooks, notebooks_of, pages
 from book.making.execution import WIDGET_VIEW, inputs_digest
 from book.making.exercises import generated_files
 from book.making.notebooks import (
@@ -35,7 +35,6 @@ LARGEST_NOTEBOOK = 1_500_000
 LONGEST_CELL = 15
 """Lines of code in one cell of a page, without blank ones, comments and docstrings."""
 
-PARTS = ("solutions", "exercises")
 NOT_PAGES = {"make.py", "conftest.py"}
 NOT_OURS = {"my_work", "_build", ".ipynb_checkpoints"}
 # Tags and comments by which a test or a run passes over a cell; nbval writes them with "_" too.
@@ -62,8 +61,16 @@ def problems(book: Path = BOOK, only: Sequence[Page] | None = None) -> list[str]
     """
     found = [] if only is not None else list(_contents(book))
     for page in pages(book) if only is None else only:
+        found += _missing(page, book)
         found += _page(page, book)
     return found
+
+
+def _missing(page: Page, book: Path) -> Iterator[str]:
+    for path in notebooks_of(page, book):
+        for side in (path, path.with_suffix(".ipynb")):
+            if not side.exists():
+                yield f"{side.relative_to(book).as_posix()}: in site/contents.toml, but missing"
 
 
 def _contents(book: Path) -> Iterator[str]:
@@ -78,11 +85,9 @@ def _contents(book: Path) -> Iterator[str]:
         present |= {path for path in folder.glob("*.py") if path.name not in NOT_PAGES}
     for path in sorted(present - listed):
         yield f"{path.relative_to(book).as_posix()}: not in site/contents.toml"
-    for path in sorted(listed - present):
-        yield f"{path.relative_to(book).as_posix()}: in site/contents.toml, but missing"
     names = {page.name for page in pages(book)}
     numbers = {name.partition("_")[0] for name in names}
-    for folder, known in (("drawing", numbers), ("checks", names), ("experiments", names)):
+    for folder, known in (("drawing", numbers), ("checks", names), ("experiments", numbers)):
         for path in sorted((book / folder).glob("*.py")):
             name = path.stem if known is names else path.stem.partition("_")[0]
             if name not in known and path.stem != "__init__":

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 from posecore.arrays import fail
 
-__all__ = ["BOOK", "ROOT", "Page", "find_page", "notebooks", "pages"]
+__all__ = ["BOOK", "PARTS", "ROOT", "Page", "find_page", "notebooks", "notebooks_of", "pages"]
 
 BOOK = Path(__file__).resolve().parents[1]
 ROOT = BOOK.parent
+PARTS = ("solutions", "exercises")
+"""The folders of what belongs to the exercises of a page."""
+NAME = re.compile(r"index|\d\d_[a-z0-9_]+")
 
 
 @dataclass(frozen=True)
@@ -27,9 +31,20 @@ def pages(book: Path = BOOK) -> tuple[Page, ...]:
 
     Args:
         book: the folder of a book; tests give one of their own.
+
+    Raises:
+        ValueError: if `site/contents.toml` is no such table.
     """
-    table = tomllib.loads((book / "site" / "contents.toml").read_text(encoding="utf-8"))
-    return tuple(Page(**entry) for entry in table["page"])
+    path = book / "site" / "contents.toml"
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        found = tuple(Page(**entry) for entry in table["page"])
+        names = [page.name for page in found]
+        if wrong := [name for name in names if not NAME.fullmatch(name) or names.count(name) > 1]:
+            fail("name", "index or NN_name in small letters, each once", repr(wrong[0]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}: no table of contents: {error!r}") from error
+    return found
 
 
 def find_page(name: str, book: Path = BOOK) -> Page:
@@ -42,14 +57,16 @@ def find_page(name: str, book: Path = BOOK) -> Page:
     for page in pages(book):
         if wanted in (page.name, page.name.partition("_")[0]):
             return page
-    fail("page", f"one of {', '.join(page.name for page in pages(book))}", repr(name))
+    names = ", ".join(page.name for page in pages(book))
+    fail("page", f"one of {names} (site/contents.toml)", repr(name))
 
 
 def notebooks(book: Path = BOOK) -> tuple[Path, ...]:
     """The source (`.py`) of every notebook: pages, solutions and what students get."""
-    found = []
-    for page in pages(book):
-        found.append(book / f"{page.name}.py")
-        if page.exercises:
-            found += [book / part / f"{page.name}.py" for part in ("solutions", "exercises")]
-    return tuple(found)
+    return tuple(path for page in pages(book) for path in notebooks_of(page, book))
+
+
+def notebooks_of(page: Page, book: Path = BOOK) -> tuple[Path, ...]:
+    """The sources of one page: its own, and those of its solutions and exercises."""
+    folders = [book, *(book / part for part in PARTS if page.exercises)]
+    return tuple(folder / f"{page.name}.py" for folder in folders)

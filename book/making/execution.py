@@ -28,12 +28,13 @@ from traitlets import Type
 from book.making.contents import ROOT
 from book.making.notebooks import (
     code_digest,
+    notebook_bytes,
     outputs_digest,
     read_source,
-    refuse_lost_edits,
     with_outputs,
     write_notebook,
 )
+from book.making.pairs import refuse_lost_edits, set_aside
 from posecore.arrays import require_choice
 from posecore.scale import SCALES
 
@@ -78,11 +79,12 @@ def execute(path: Path, scale: str = "book") -> NotebookNode:
     nb = read_source(source)
     if target.exists():
         refuse_lost_edits(source, target)
+    inputs = inputs_digest(source)
     _run(nb, source, scale)
     clean_outputs(nb)
     nb.metadata["posecore"] = {
         "code": code_digest(nb),
-        "inputs": inputs_digest(source),
+        "inputs": inputs,
         "outputs": outputs_digest(nb),
         "scale": scale,
     }
@@ -90,6 +92,9 @@ def execute(path: Path, scale: str = "book") -> NotebookNode:
     if code_digest(now) != code_digest(nb):
         raise ValueError(f"the code of {source.name} was changed while it ran; run it again")
     nb = with_outputs(now, nb)
+    if target.exists():  # somebody may have saved it in these minutes
+        refuse_lost_edits(source, target)
+    set_aside(target, notebook_bytes(nb))
     write_notebook(nb, target)
     os.utime(source)  # JupyterLab expects a source to be no older than its notebook
     return nb
@@ -196,7 +201,6 @@ def _run(nb: NotebookNode, source: Path, scale: str) -> None:
         kernel_manager_class=_Kernel,  # given a manager, it would leave the kernel running
         timeout=CELL_TIMEOUT,
         startup_timeout=STARTUP_TIMEOUT,
-        record_timing=False,
         resources={"metadata": {"path": str(source.parent.resolve())}},
     )
     running = {"cell": 0}
@@ -216,6 +220,8 @@ def _run(nb: NotebookNode, source: Path, scale: str) -> None:
         raise ValueError(f"{source.name}, cell {running['cell']} {reason}") from error
     except DeadKernelError as error:
         raise ValueError(f"{source.name}, cell {running['cell']}: the kernel died") from error
+    except RuntimeError as error:  # of nbclient and jupyter_client, before any cell
+        raise ValueError(f"{source.name}: the kernel did not start: {error}") from error
 
 
 def clean_outputs(nb: NotebookNode) -> None:

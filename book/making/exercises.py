@@ -22,6 +22,7 @@ from nbformat import NotebookNode
 
 from book.making.contents import BOOK, Page
 from book.making.notebooks import notebook_bytes, read_notebook, read_source, source_bytes, strip
+from book.making.pairs import set_aside
 from posecore.arrays import fail
 from posecore.files import write_bytes
 
@@ -117,12 +118,16 @@ def generated_files(page: Page, book: Path = BOOK) -> dict[Path, bytes]:
 def generate(page: Page, book: Path = BOOK) -> None:
     """Write `exercises/NAME.ipynb` and `.py` from `solutions/NAME.py`, where they differ.
 
+    A notebook that says something else is set aside: somebody may have solved it where it lies.
+
     Raises:
         ValueError: as `generated_files`; nothing is written then.
     """
     # The source last: JupyterLab expects it to be no older than the notebook.
     for path, data in generated_files(page, book).items():
         path.parent.mkdir(exist_ok=True)
+        if path.suffix == ".ipynb":
+            set_aside(path, data)
         if not path.is_file() or path.read_bytes() != data:
             write_bytes(path, data)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
+import warnings
 from pathlib import Path
 
 import jupytext
@@ -27,10 +27,8 @@ __all__ = [
     "is_executed",
     "notebook_bytes",
     "outputs_digest",
-    "pair",
     "read_notebook",
     "read_source",
-    "refuse_lost_edits",
     "source_bytes",
     "strip",
     "with_outputs",
@@ -77,8 +75,12 @@ def read_notebook(path: Path) -> NotebookNode:
     """
     path = Path(path)
     try:
-        nb = nbformat.reads(_text(path), as_version=nbformat.NO_CONVERT)
-        nbformat.validate(nb)
+        with warnings.catch_warnings():
+            # Names of cells that are missing or not their own: `_plain` gives every cell a new one.
+            warnings.simplefilter("ignore")
+            nb = nbformat.reads(_text(path), as_version=nbformat.NO_CONVERT)
+            # Some tools write what belongs to a newer minor version than they say.
+            nbformat.validate(nb, relax_add_props=True)
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ValueError(f"{path.name} is damaged: {reason}") from error
@@ -171,64 +173,6 @@ def outputs_digest(nb: NotebookNode) -> str:
     return _digest([json.dumps(run, sort_keys=True) for run in runs])
 
 
-def pair(path: Path) -> None:
-    """Write both sides of a pair anew from the source.
-
-    Outputs stay if the code is the same; solutions and exercises keep none.
-
-    Args:
-        path: either side; the other may be missing.
-
-    Raises:
-        ValueError: if the notebook was saved after the source and says something else, so that
-            edits would be lost.
-    """
-    source, target = Path(path).with_suffix(".py"), Path(path).with_suffix(".ipynb")
-    if not source.exists() and target.exists():
-        old = read_notebook(target)
-        nb = with_outputs(old, old)
-    else:
-        nb = read_source(source)
-        if target.exists():
-            refuse_lost_edits(source, target)
-            nb = with_outputs(nb, read_notebook(target))
-    if source.parent.name in ("solutions", "exercises"):
-        nb = strip(nb)
-    # Both are made before either is written, as the cells may be such that a source cannot hold.
-    files = {target: notebook_bytes(nb), source: source_bytes(nb)}
-    changed = [path for path, data in files.items() if not _holds(path, data)]
-    for path in changed:
-        write_bytes(path, files[path])
-    if changed:
-        os.utime(source)  # JupyterLab expects a source to be no older than its notebook
-
-
-def _holds(path: Path, data: bytes) -> bool:
-    return path.exists() and path.read_bytes() == data
-
-
-def refuse_lost_edits(source: Path, target: Path) -> None:
-    """Refuse to write over a notebook that was edited where its source did not follow.
-
-    Raises:
-        ValueError: if the cells differ and the notebook is the newer file, or if it holds pasted
-            pictures.
-    """
-    old = read_notebook(target)
-    for number, cell in enumerate(old.cells, 1):
-        if cell.get("attachments"):
-            raise ValueError(
-                f"{target.name}, cell {number} holds a pasted picture, which {source.name} cannot "
-                "hold; draw it in code instead"
-            )
-    difference = cells_differ(read_source(source), old)
-    if difference and target.stat().st_mtime_ns > source.stat().st_mtime_ns:
-        raise ValueError(
-            f"{target.name} was saved after {source.name} and differs ({difference}); to keep the "
-            f"source save it once more, to keep the notebook delete {source.name}, then pair again"
-        )
-
-
 def with_outputs(nb: NotebookNode, executed: NotebookNode) -> NotebookNode:
     """The cells of `nb` with the outputs of `executed`, if those belong to the same code.
 
@@ -297,7 +241,7 @@ def _digest(texts: list[str]) -> str:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")  # some editors put a mark in front
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"{path.name} cannot be read: {error}") from error
 

@@ -29,6 +29,7 @@ from nbformat import NotebookNode
 from pybtex.database import parse_file
 
 from book.making.contents import BOOK, ROOT, pages
+from book.making.execution import WIDGET_VIEW
 from book.making.notebooks import read_notebook
 from posecore.arrays import fail
 
@@ -36,7 +37,6 @@ __all__ = ["build"]
 
 CONFIGURATION = BOOK / "site"
 PARTS = ("exercises", "solutions")
-WIDGET = "application/vnd.jupyter.widget-view+json"
 SUFFIXES = {"image/png": ".png", "image/jpeg": ".jpeg", "image/svg+xml": ".svg"}
 # Code comes first: what looks like a link inside it is none.
 LINK = re.compile(r"(`+).+?\1|\[[^\]]*\]\((?P<to>[^)\s]+)\)", re.S)
@@ -179,7 +179,9 @@ class _Stage:
         if part:
             _introduce(notebook, part, page)
         kept = {k: v for k, v in notebook.metadata.items() if k in ("kernelspec", "language_info")}
-        about = {"html_meta": {"description": _description(notebook)}}
+        if not (words := _description(notebook)):
+            raise ValueError("expected a paragraph of text, by which search engines describe it")
+        about = {"html_meta": {"description": words}}
         notebook.metadata = nbformat.from_dict({**kept, "myst": about})
         for text in [*([CITED] if cited else []), *self._order(name)]:
             notebook.cells.append(nbformat.v4.new_markdown_cell(text))
@@ -220,7 +222,7 @@ class _Stage:
         """What cells put out, pictures in files."""
         for output in outputs:
             data = output.get("data", {})
-            if data.pop(WIDGET, None) and not set(data) - {"text/plain"}:
+            if data.pop(WIDGET_VIEW, None) and not set(data) - {"text/plain"}:
                 continue  # a slider or a progress bar, which nothing on the site would move
             kind = next((kind for kind in SUFFIXES if kind in data), None)
             if kind and "text/html" not in data:

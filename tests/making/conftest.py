@@ -8,7 +8,8 @@ import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 
 from book.making.contents import BOOK
-from book.making.site import WIDGET, build
+from book.making.execution import WIDGET_VIEW
+from book.making.site import build
 from posecore import figures
 from posecore.book.checks import DONE, NOT_DONE, NOT_RIGHT, Answer
 from posecore.book.claims import Claim, LedgerTable, Row
@@ -97,7 +98,7 @@ def _rows():
 def _slider():
     """A widget, as JupyterLab saves it."""
     view = {"version_major": 2, "version_minor": 0, "model_id": "box"}
-    return new_output("display_data", {WIDGET: view, "text/plain": "IntSlider(value=0)"})
+    return new_output("display_data", {WIDGET_VIEW: view, "text/plain": "IntSlider(value=0)"})
 
 
 def _curves():
@@ -180,6 +181,35 @@ def write_book(folder):
     for name, cells in _cells().items():
         write_notebook(book / f"{name}.ipynb", cells)
     return book
+
+
+@pytest.fixture(scope="session")
+def hostile(tmp_path_factory):
+    """The environment of a user whose settings would change what a notebook shows."""
+    home = tmp_path_factory.mktemp("home")
+    startup = home / "ipython" / "profile_default" / "startup"
+    startup.mkdir(parents=True)
+    for path in (startup / "00.py", home / "startup.py"):
+        path.write_text("startup = 1")
+    (home / "matplotlibrc").write_text("lines.linewidth: 77")
+    kernel = home / "data" / "kernels" / "python3"
+    kernel.mkdir(parents=True)
+    wrong = {"argv": ["false"], "display_name": "wrong", "language": "python"}
+    kernel.joinpath("kernel.json").write_text(json.dumps(wrong))
+    return {
+        "HOME": str(home),
+        "IPYTHONDIR": str(home / "ipython"),
+        "PYTHONSTARTUP": str(home / "startup.py"),
+        "MATPLOTLIBRC": str(home / "matplotlibrc"),
+        "MPLBACKEND": "svg",
+        "JUPYTER_PATH": str(home / "data"),
+        "PYTHONOPTIMIZE": "1",
+        "PYTHONWARNINGS": "error",
+        "POSECORE_DATA": str(home),
+        "POSECORE_RETRAIN": "1",
+        "POSECORE_SCALE": "paper",
+        "COLUMNS": "200",
+    }
 
 
 @pytest.fixture(scope="session")

@@ -12,10 +12,10 @@ from book.making.notebooks import (
     HEADER,
     code_digest,
     outputs_digest,
-    pair,
     read_notebook,
     write_notebook,
 )
+from book.making.pairs import pair
 
 CONTENTS = """
 [[page]]
@@ -335,6 +335,17 @@ def test_parts_of_no_page(name, book):
 def test_files_that_are_missing(name, book):
     (book / name).unlink()
     assert problems(book) == [f"{name}: in site/contents.toml, but missing"]
+    of_the_page = [Page("index")] if "index" in name else [Page("01_a", True)]
+    assert problems(book, of_the_page) == problems(book)
+
+
+def test_parts_that_one_page_has_several_of(book):
+    for name in ("drawing/01_b.py", "experiments/01_slow.py", "checks/01_a.py"):
+        (book / name).parent.mkdir(exist_ok=True)
+        (book / name).write_text("")
+    for name in ("index", "01_a"):
+        execute_by_hand(book / f"{name}.ipynb")  # with the new drawing
+    assert problems(book) == []
 
 
 @pytest.mark.parametrize("name", ["01_a.ipynb", "solutions/01_a.ipynb", "01_a.py"])

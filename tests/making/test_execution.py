@@ -1,5 +1,4 @@
 import asyncio
-import json
 import os
 import sys
 import time
@@ -16,10 +15,10 @@ from book.making.notebooks import (
     code_digest,
     notebook_bytes,
     outputs_digest,
-    pair,
     read_notebook,
     write_notebook,
 )
+from book.making.pairs import pair
 
 PAGE = """
 # %% [markdown]
@@ -53,7 +52,8 @@ except AssertionError:
     print("assertions on")
 print("startup" in globals(), os.path.basename(os.getcwd()), posecore.scale.scale())
 print(sys.executable == os.environ["EXPECTED"], matplotlib.get_backend().split(".")[-1])
-print(matplotlib.rcParams["lines.linewidth"], os.environ.get("POSECORE_DATA"))
+print(matplotlib.rcParams["lines.linewidth"])
+print({"POSECORE_DATA", "POSECORE_RETRAIN", "PYTHONWARNINGS"} & set(os.environ))
 """
 
 
@@ -64,42 +64,15 @@ def write(folder, text, name="01_a.py"):
 
 
 @pytest.fixture(scope="module")
-def hostile(tmp_path_factory):
-    """A user whose settings would change everything; the page is run in their account."""
-    home = tmp_path_factory.mktemp("home")
-    startup = home / "ipython" / "profile_default" / "startup"
-    startup.mkdir(parents=True)
-    for path in (startup / "00.py", home / "startup.py"):
-        path.write_text("startup = 1")
-    (home / "matplotlibrc").write_text("lines.linewidth: 77")
-    kernel = home / "data" / "kernels" / "python3"
-    kernel.mkdir(parents=True)
-    kernel.joinpath("kernel.json").write_text(
-        json.dumps({"argv": ["false"], "display_name": "wrong", "language": "python"})
-    )
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in {
-            "IPYTHONDIR": home / "ipython",
-            "PYTHONSTARTUP": home / "startup.py",
-            "MATPLOTLIBRC": home / "matplotlibrc",
-            "MPLBACKEND": "svg",
-            "JUPYTER_PATH": home / "data",
-            "PYTHONOPTIMIZE": "1",
-            "POSECORE_DATA": "/somewhere",
-            "POSECORE_SCALE": "paper",
-            "EXPECTED": sys.executable,
-        }.items():
-            patch.setenv(name, str(value))
-        yield
-
-
-@pytest.fixture(scope="module")
 def executed(hostile, tmp_path_factory):
     source = write(tmp_path_factory.mktemp("pages"), PAGE)
-    before = dict(os.environ)
-    nb = execute(source, "tiny")
-    assert dict(os.environ) == before
-    return source, nb
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in {**hostile, "EXPECTED": sys.executable}.items():
+            patch.setenv(name, value)
+        before = dict(os.environ)
+        nb = execute(source, "tiny")
+        assert dict(os.environ) == before
+        yield source, nb
 
 
 def test_an_executed_page_says_what_it_belongs_to(executed):
@@ -139,7 +112,8 @@ def test_settings_of_users_and_machines_do_not_count(executed):
         "assertions on",
         f"False {folder} tiny",
         "True backend_inline",
-        "1.5 None",
+        "1.5",
+        "set()",
     ]
 
 
@@ -188,6 +162,49 @@ def test_a_source_may_change_while_it_runs_in_its_text_alone(old, new, kept, tmp
         with pytest.raises(ValueError, match=r"01_a\.py was changed while it ran"):
             execute(source, "tiny")
         assert not source.with_suffix(".ipynb").exists()
+
+
+WHILE_IT_RUNS = """
+import os
+from pathlib import Path
+
+Path("drawing/01_a.py").write_text("colour = 'blue'")
+page = Path("01_a.ipynb")
+page.write_text(page.read_text().replace("# A title", "# Hours of work"))
+os.utime(page, (1e9 + TIME, 1e9 + TIME))
+"""
+
+
+def test_what_changes_beside_a_page_while_it_runs(tmp_path, capsys):
+    (tmp_path / "drawing").mkdir()
+    (tmp_path / "drawing" / "01_a.py").write_text("colour = 'red'")
+    text = "\n# %% [markdown]\n# # A title\n\n# %%" + WHILE_IT_RUNS
+    source = write(tmp_path, text.replace("TIME", "1"))
+    before = inputs_digest(source)
+    pair(source)
+    os.utime(source, (1e9, 1e9))
+    with pytest.raises(ValueError, match=r"01_a\.ipynb was saved after 01_a\.py and differs"):
+        execute(source, "tiny")
+    assert read_notebook(source.with_suffix(".ipynb")).cells[0].source == "# Hours of work"
+    write(tmp_path, text.replace("TIME", "-1"))  # and now where times say nothing of it
+    os.utime(source.with_suffix(".ipynb"), (1, 1))
+    (tmp_path / "drawing" / "01_a.py").write_text("colour = 'red'")
+    nb = execute(source, "tiny")
+    assert nb.metadata.posecore.inputs == before != inputs_digest(source)
+    (kept,) = (tmp_path / "_build" / "replaced").iterdir()
+    assert read_notebook(kept).cells[0].source == "# Hours of work"
+    assert "what it said before is kept" in capsys.readouterr().out
+
+
+def test_a_kernel_that_does_not_start_is_told_of(tmp_path, monkeypatch):
+    def never(*arguments, **more):
+        raise RuntimeError("Kernel didn't respond in 120 seconds")
+
+    monkeypatch.setattr(execution.NotebookClient, "execute", never)
+    source = write(tmp_path, "\n# %%\nx = 1\n")
+    with pytest.raises(ValueError, match=r"^01_a\.py: the kernel did not start: Kernel didn't"):
+        execute(source, "tiny")
+    assert not source.with_suffix(".ipynb").exists()
 
 
 def test_edits_of_the_notebook_are_not_run_over(tmp_path):

@@ -19,11 +19,11 @@ from book.making.notebooks import (
     code_digest,
     notebook_bytes,
     outputs_digest,
-    pair,
     read_notebook,
     read_source,
     write_notebook,
 )
+from book.making.pairs import pair
 
 SOURCE = (
     HEADER

@@ -1,4 +1,5 @@
 import importlib.util
+import os
 import shutil
 import subprocess
 import sys
@@ -7,7 +8,7 @@ import pytest
 
 from book.making import contents, exercises, ledgers, site
 from book.making.contents import BOOK, Page
-from book.making.notebooks import HEADER, is_executed, read_notebook
+from book.making.notebooks import HEADER, is_executed, read_notebook, write_notebook
 
 CONTENTS = '[[page]]\nname = "index"\n\n[[page]]\nname = "01_a"\nexercises = true\n'
 CHAPTER = "\n# %% [markdown]\n# # A\n\n# %%\nx = 1\n\n# %%\nprint(x)\n"
@@ -52,6 +53,8 @@ def test_the_road_of_a_contributor(make, book, capsys):
     assert make.main(["check"]) == 0
     assert capsys.readouterr().out == "fit to be committed\n"
     assert make.main(["strip", "1"]) == 0
+    source, notebook = (book / f"01_a.{suffix}" for suffix in ("py", "ipynb"))
+    assert source.stat().st_mtime_ns >= notebook.stat().st_mtime_ns  # as JupyterLab expects
     assert not is_executed(read_notebook(book / "01_a.ipynb"))
     assert make.main(["check", "index"]) == 0
     assert make.main(["check", "01_a"]) == 1
@@ -76,8 +79,12 @@ def test_start_copies_exercises_and_goes_on_where_there_are_copies(make, book, c
 
 def test_training_claims_and_site_are_those_of_making(make, book, capsys, monkeypatch):
     called = []
-    monkeypatch.setattr(ledgers, "train", lambda page, book: called.append(("train", page, book)))
-    monkeypatch.setattr(ledgers, "claims", lambda page, book: called.append(("claims", page, book)))
+    monkeypatch.setattr(
+        ledgers, "train", lambda page, book, scale: called.append(("train", page, book))
+    )
+    monkeypatch.setattr(
+        ledgers, "claims", lambda page, book, scale: called.append(("claims", page, book))
+    )
     monkeypatch.setattr(site, "build", lambda: book / "html")
     assert make.main(["train", "1"]) == make.main(["claims"]) == make.main(["site"]) == 0
     assert called == [("train", "01_a", book), ("claims", "index", book), ("claims", "01_a", book)]
@@ -89,14 +96,17 @@ def test_an_unknown_page_is_one_line_on_stderr(command, make, book, capsys):
     assert make.main([command, "7"]) == 1
     out, err = capsys.readouterr()
     assert out == ""
-    assert err == f"make.py {command}: page: expected one of index, 01_a, got '7'\n"
+    assert (
+        err
+        == f"make.py {command}: page: expected one of index, 01_a (site/contents.toml), got '7'\n"
+    )
 
 
 def test_a_file_that_cannot_be_written_is_one_line_on_stderr(make, book, capsys, monkeypatch):
     def full(*arguments):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("book.making.notebooks.write_bytes", full)
+    monkeypatch.setattr("book.making.pairs.write_bytes", full)
     assert make.main(["pair"]) == 1
     assert capsys.readouterr().err == "make.py pair: [Errno 28] No space left on device\n"
     assert not (book / "index.ipynb").exists()
@@ -132,3 +142,56 @@ def test_it_works_on_the_book_that_it_lies_in(tmp_path):
     assert (done.returncode, done.stdout) == (0, "index: in step\n"), done.stderr
     assert (book / "index.ipynb").is_file()
     assert Page("index") in contents.pages(book)
+
+
+def test_strip_does_not_hide_edits_of_the_notebook(make, book, capsys):
+    """It touches the source, which would then be the newer one of two that differ."""
+    make.main(["pair"])
+    nb = read_notebook(book / "01_a.ipynb")
+    nb.cells[0].source = "# Hours of work"
+    write_notebook(nb, book / "01_a.ipynb")
+    os.utime(book / "01_a.py", (1e9, 1e9))
+    assert make.main(["strip", "1"]) == 1
+    assert "01_a.ipynb was saved after 01_a.py and differs" in capsys.readouterr().err
+    assert make.main(["pair", "1"]) == 1
+    assert read_notebook(book / "01_a.ipynb").cells[0].source == "# Hours of work"
+
+
+def test_an_exercise_solved_where_it_lies_is_kept(make, book, capsys):
+    make.main(["pair"])
+    path = book / "exercises" / "01_a.ipynb"
+    nb = read_notebook(path)
+    nb.cells[0].source = "answer = 6 * 7"
+    write_notebook(nb, path)
+    assert make.main(["pair", "1"]) == 0
+    assert "what it said before is kept" in capsys.readouterr().out
+    (kept,) = (book / "_build" / "replaced").iterdir()
+    assert read_notebook(kept).cells[0].source == "answer = 6 * 7"
+    assert "your code here" in read_notebook(path).cells[0].source
+
+
+@pytest.mark.parametrize(
+    "error, status, words",
+    [
+        (ModuleNotFoundError("No module named 'nbclient'"), 1, "nbclient'; pip install -r"),
+        (KeyboardInterrupt(), 130, "stopped"),
+    ],
+)
+def test_what_is_missing_or_stopped_is_one_line(
+    error, status, words, make, book, capsys, monkeypatch
+):
+    def ends(*arguments, **more):
+        raise error
+
+    monkeypatch.setattr(ledgers, "claims", ends)
+    assert make.main(["claims", "1"]) == status
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("make.py claims: ") and words in line
+
+
+@pytest.mark.parametrize("command", ["train", "claims"])
+def test_trying_at_another_scale(command, make, book, monkeypatch):
+    called = []
+    monkeypatch.setattr(ledgers, command, lambda page, book, scale: called.append(scale))
+    assert make.main([command, "1", "--scale", "tiny"]) == 0
+    assert called == ["tiny"]

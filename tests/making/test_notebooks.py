@@ -1,5 +1,4 @@
 import json
-import os
 import re
 
 import nbformat
@@ -15,7 +14,6 @@ from book.making.notebooks import (
     is_executed,
     notebook_bytes,
     outputs_digest,
-    pair,
     read_notebook,
     read_source,
     source_bytes,
@@ -63,28 +61,6 @@ def page():
 def cells(*pairs):
     make = {"m": new_markdown_cell, "c": new_code_cell, "r": new_raw_cell}
     return new_notebook(cells=[make[kind](text) for kind, text in pairs])
-
-
-@pytest.fixture
-def pages(tmp_path):
-    """An executed pair in a folder, both sides equally old."""
-    source = tmp_path / "01_a.py"
-    source.write_text(SOURCE, encoding="utf-8")
-    pair(source)
-    target = source.with_suffix(".ipynb")
-    nb = read_notebook(target)
-    for count, cell in enumerate([c for c in nb.cells if c.cell_type == "code"], 1):
-        cell.execution_count = count
-    cell.outputs = [result("3.14", count)]
-    nb.metadata["posecore"] = {"code": code_digest(nb)}
-    write_notebook(nb, target)
-    for path in (source, target):
-        os.utime(path, (1e9, 1e9))
-    return source, target
-
-
-def touch(path, seconds):
-    os.utime(path, (1e9 + seconds, 1e9 + seconds))
 
 
 WORDS = st.text("ab #%[](){}'\"\\:=,.!?\n\t-_*é✓0", max_size=40)
@@ -275,82 +251,59 @@ def test_outputs_go_to_the_same_code_only():
     assert not is_executed(with_outputs(text, page()))
 
 
-def test_pair_makes_the_notebook(tmp_path):
-    source = tmp_path / "01_a.py"
-    source.write_text("# %% [markdown]\n# # No header yet\n\n# %%\n1 + 1\n", encoding="utf-8")
-    pair(source)
-    assert source.read_text(encoding="utf-8").startswith(HEADER)
-    assert read_notebook(tmp_path / "01_a.ipynb").cells[1].source == "1 + 1"
+def browser_of_before(raw):
+    raw["nbformat_minor"] = 4  # before cells had names
+    for cell in raw["cells"]:
+        del cell["id"]
 
 
-def test_pair_changes_nothing_that_is_in_step(pages):
-    before = [(path.read_bytes(), path.stat().st_mtime_ns) for path in pages]
-    for side in pages:
-        pair(side)
-    assert [(path.read_bytes(), path.stat().st_mtime_ns) for path in pages] == before
+def names_in_an_older_format(raw):
+    raw["nbformat_minor"] = 4
 
 
-def test_pair_keeps_outputs_when_only_text_changed(pages):
-    source, target = pages
-    source.write_text(SOURCE.replace("# # A page", "# # A better page"), encoding="utf-8")
-    touch(source, 1)
-    pair(source)
-    assert source.stat().st_mtime_ns >= target.stat().st_mtime_ns
-    nb = read_notebook(target)
-    assert nb.cells[0].source == "# A better page"
-    assert nb.cells[3].outputs and nb.metadata.posecore.code == code_digest(nb)
+def no_names(raw):
+    for cell in raw["cells"]:
+        del cell["id"]
 
 
-def test_pair_drops_all_outputs_when_code_changed(pages):
-    source, target = pages
-    source.write_text(SOURCE.replace("import math", "import math  # more"), encoding="utf-8")
-    pair(source)
-    assert not is_executed(read_notebook(target))
+def one_name_twice(raw):
+    for cell in raw["cells"]:
+        cell["id"] = "a"
 
 
-@pytest.mark.parametrize("part", ["solutions", "exercises"])
-def test_pair_stores_no_outputs_of_solutions_and_exercises(part, pages):
-    folder = pages[0].parent / part
-    folder.mkdir()
-    for path in pages:
-        (folder / path.name).write_bytes(path.read_bytes())
-    pair(folder / "01_a.py")
-    assert not is_executed(read_notebook(folder / "01_a.ipynb"))
+def a_format_to_come(raw):
+    raw["nbformat_minor"] = 9
 
 
-def test_pair_does_not_write_over_edits_of_the_notebook(pages):
-    source, target = pages
-    nb = read_notebook(target)
-    nb.cells[0].source = "# Edited where jupytext was not there"
-    write_notebook(nb, target)
-    touch(target, 1)
-    before = [path.read_bytes() for path in pages]
-    with pytest.raises(ValueError, match=r"01_a\.ipynb was saved after 01_a\.py and differs"):
-        pair(source)
-    assert [path.read_bytes() for path in pages] == before
-    touch(source, 2)  # "to keep the source save it once more"
-    pair(source)
-    assert read_notebook(target).cells[0].source == "# A page"
+@pytest.mark.parametrize(
+    "change",
+    [browser_of_before, names_in_an_older_format, no_names, one_name_twice, a_format_to_come],
+)
+def test_notebooks_of_other_tools_are_read(change, tmp_path):
+    raw = json.loads(notebook_bytes(page()))
+    change(raw)
+    path = tmp_path / "a.ipynb"
+    path.write_text(json.dumps(raw))
+    assert notebook_bytes(read_notebook(path)) == notebook_bytes(page())
 
 
-def test_pair_makes_a_deleted_source_from_the_notebook(pages):
-    source, target = pages
-    before = target.read_bytes()
-    source.unlink()
-    pair(source)
-    assert source.read_text(encoding="utf-8") == SOURCE
-    assert target.read_bytes() == before
+@pytest.mark.parametrize("end", [b"\n", b"\r\n"])
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+def test_files_as_windows_writes_them(mark, end, tmp_path):
+    for data, name in ((source_bytes(page()), "a.py"), (notebook_bytes(page()), "a.ipynb")):
+        (tmp_path / name).write_bytes(mark + data.replace(b"\n", end))
+    assert cells_differ(read_source(tmp_path / "a.py"), page()) == ""
+    assert notebook_bytes(read_notebook(tmp_path / "a.ipynb")) == notebook_bytes(page())
 
 
-def test_pair_does_not_lose_a_pasted_picture(pages):
-    source, target = pages
-    raw = json.loads(target.read_bytes())
-    raw["cells"][0]["attachments"] = {"a.png": {"image/png": "AAAA"}}
-    target.write_text(json.dumps(raw))
-    touch(target, -1)
-    with pytest.raises(ValueError, match="cell 1 holds a pasted picture"):
-        pair(source)
-    source.unlink()
-    with pytest.raises(ValueError, match="pasted pictures"):
-        pair(source)
-    assert "AAAA" in target.read_text()
+@pytest.mark.parametrize("write, name", [(write_source, "a.py"), (write_notebook, "a.ipynb")])
+def test_a_full_disk_leaves_the_old_file(write, name, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / name).write_text("as it was")
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write(page(), tmp_path / name)
+    assert (tmp_path / name).read_text() == "as it was"
+    assert [path.name for path in tmp_path.iterdir()] == [name]

@@ -44,8 +44,9 @@ class Browser:
             raise
 
     def _connect(self, door):
-        port, path = _wait(lambda: door.read_text().split(maxsplit=1) if door.exists() else None)
-        address = f"ws://127.0.0.1:{port}{path.strip()}"
+        # Made empty first, then filled.
+        port, path = _wait(lambda: (door.exists() and door.read_text().split()) or None)
+        address = f"ws://127.0.0.1:{port}{path}"
         self.socket = websocket.create_connection(address, suppress_origin=True, timeout=60)
         target = self.send("Target.createTarget", url="about:blank")["targetId"]
         attached = self.send("Target.attachToTarget", targetId=target, flatten=True)

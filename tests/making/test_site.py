@@ -343,6 +343,9 @@ def _picture(alt):
     )
 
 
+SECOND = "02_second.ipynb"
+
+
 def _spoil_contents(book):
     (book / "02_second.ipynb").unlink()
 
@@ -366,6 +369,11 @@ def _spoil_title(book):
     nbformat.write(notebook, book / "solutions/01_first.ipynb")
 
 
+def _spoil_words(book):
+    cell = new_code_cell("x", execution_count=1)
+    nbformat.write(new_notebook(cells=[new_markdown_cell("# Second"), cell]), book / SECOND)
+
+
 def _spoil_links(book):
     text = "[gone](03_third.ipynb), [gone](01_first.ipynb#No-such-heading)"
     _change(book, "02_second.ipynb", new_markdown_cell(text))
@@ -379,6 +387,7 @@ def _spoil_links(book):
         (_spoil_citation, r"02_second\.ipynb: cites https://arxiv\.org/abs/0000\.00000"),
         (_spoil_picture, r"02_second\.ipynb: cell 2: a picture without alt text"),
         (_spoil_title, r"solutions/01_first\.ipynb: expected a first cell with a title"),
+        (_spoil_words, r"02_second\.ipynb: expected a paragraph of text"),
         (_spoil_links, r"(?s)Sphinx.*02_second\.ipynb, cell 2: .*03_third.*No-such-heading"),
     ],
 )
@@ -397,6 +406,27 @@ def test_a_folder_of_other_things_is_never_replaced(tmp_path, small_site):
     with pytest.raises(ValueError, match=r"^output: expected a new or empty folder"):
         making.build(tmp_path, small_site.book)
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
+
+
+def test_the_old_site_stays_if_the_disk_is_full_at_the_last_moment(copy, monkeypatch):
+    book, output = copy
+    before, replace = _files(output), os.replace
+
+    def sphinx(source, built):
+        for folder in ("_static", *(f"_sources/{part}" for part in making.PARTS)):
+            (built / folder).mkdir(parents=True)
+
+    def full(source, target):
+        if source.parent != output.parent and source.name == "html":
+            raise OSError("no space left")
+        replace(source, target)
+
+    monkeypatch.setattr(making, "_run_sphinx", sphinx)
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match="no space left"):
+        making.build(output, book)
+    assert _files(output) == before
+    assert sorted(path.name for path in output.parent.iterdir()) == ["html", "project"]
 
 
 def test_the_old_site_comes_back_if_the_new_one_cannot_take_its_place(tmp_path, monkeypatch):
