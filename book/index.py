@@ -15,7 +15,7 @@
 #
 # This book builds five research papers on that question, step by step, in notebooks that run on a
 # laptop without a GPU and without a network. Nothing is downloaded: small worlds are drawn by the
-# book itself, and every number on a page was printed by the cell above it.
+# book itself, and every number that we measured was printed by a cell beside it.
 
 # %%
 from posecore.book.parts import drawing
@@ -28,6 +28,19 @@ draw.map_of_the_book()
 # network to say, and in what geometry does with the answer. A network that says the pose itself
 # needs no geometry. One that says something easier, such as a vector per pixel, leaves the rest to
 # a solver. Which is better, and when? The last chapter lets all of them compete.
+#
+# ## The papers
+#
+# | short name | paper | chapters |
+# |---|---|---|
+# | the infrared paper | [Firintepe et al., 2021](https://doi.org/10.3390/jimaging7050080), *From IR Images to Point Clouds to Pose: Point Cloud-Based AR Glasses Pose Estimation* | 3, 4 |
+# | CIPE | [Ren et al.](https://github.com/jialeren/CIPE), *A Unified End-to-end Network for Category-level and Instance-level Object Pose Estimation from RGB Images* | 5, 6 |
+# | the rotation-invariant paper | Chen et al., a rotation-invariant 3D convolutional network (the copy that we read bears no title) | 7 |
+# | the projection-loss paper | You et al., 2021, *Object Pose Estimation Incorporating Projection Loss and Discriminative Refinement* | 8 |
+# | the colour-refinement paper | [Huang et al., 2020](https://doi.org/10.3390/s20154114), *Iterative Pose Refinement for Object Pose Estimation Based on RGBD Data* | 9 |
+#
+# The projection-loss paper builds on **PVNet**, the colour-refinement paper on **DenseFusion**, two
+# older methods that the book builds first.
 #
 # ## The pages
 #
@@ -66,7 +79,8 @@ draw.map_of_the_book()
 # It lies in `book/my_work` then. An exercise that you leave unfinished never stops the page: from
 # there on the page uses the library's version.
 #
-# Three settings in the environment change how the pages run:
+# Three settings in the environment change how the pages run. Give them before Jupyter starts; on
+# Linux and macOS: `POSECORE_SCALE=tiny jupyter lab book/index.ipynb`.
 #
 # | variable | values | effect |
 # |---|---|---|
@@ -129,5 +143,8 @@ ledger_table(all_rows())
 # | **AP** | average precision: area under precision against recall |
 # | **ground truth** | the pose that one believes in when one measures an estimate |
 # | **BOP** | a benchmark of the field, whose files this book reads and writes |
+# | **LINEMOD, LM-O** | photographs of small things with measured poses; LM-O is short for Occlusion-LINEMOD, where things hide each other |
+# | **YCB-Video** | videos of 21 things from a shop, with measured poses |
+# | **NOCS** | a data set of kinds of things (category level), and the code that most tables on it were made with |
 #
 # Next: [chapter 1, poses and cameras](01_poses_and_cameras.ipynb).

@@ -23,7 +23,8 @@ def depth_picture(photo: Photograph) -> Picture:
     limits = low - 0.1, high + 0.25
     alt = (
         f"Depth in colours, {limits[0]:.2f} to {limits[1]:.2f} m, of all pixels (left) and of "
-        f"the {photo.name}'s alone (right): the near parts are dark, the far parts bright."
+        f"the {photo.name}'s alone (right): the near parts are dark, the far parts bright, "
+        "and what is further away as bright as the farthest."
     )
     return picture_grid(
         [depth, np.where(photo.mask, depth, np.nan)],
@@ -85,9 +86,10 @@ def icp_starts(
         9.0,
         3.2,
         f"Left and middle, over the turn of the start: the rotation error of the end is near 0 for "
-        f"{good.sum()} starts around 0 and up to {errors.max():.0f} degrees for the others; the "
-        "distance of the clouds at the end is larger for the wrong ends. Right, from above, a "
-        "wrong end: the bodies coincide, the measured handle sticks out where the model has none.",
+        f"{good.sum()} starts around 0, which arrive, and up to {errors.max():.0f} degrees for the "
+        "others; the distance of the clouds at the end is larger for the wrong ends. Right, from "
+        "above, a wrong end: the bodies coincide, the measured handle sticks out where the model "
+        "has none.",
         "",
     )
     panels = figure.subplots(1, 3)
@@ -102,6 +104,7 @@ def icp_starts(
         axes.scatter(turns[~good], values[~good], **look)
         axes.set(xlabel="turn of the start, °", ylabel=name)
         axes.set_ylim(bottom=0)
+        axes.set_xticks(range(-180, 181, 90))
         axes.grid(alpha=0.3)
     panels[0].legend(fontsize=9)
     title = f"end of the start at {turns[shown]:.0f}°"

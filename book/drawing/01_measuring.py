@@ -252,7 +252,7 @@ def boxes_apart(
         panels[0].text(2.7 * edge, low + edge / 2, text.replace(", ", "\n"), va="center")
     bottom = -1.5 * edge * (len(marked) - 1)
     panels[0].set(xlim=(-1, 4.2 * edge), ylim=(bottom - 1, edge + 1), aspect="equal")
-    panels[0].set(xlabel="to the side, cm", yticks=[], title="from above")
+    panels[0].set(xlabel="to the side, cm, seen from above", yticks=[])
     panels[0].spines[["left", "top", "right"]].set_visible(False)
     panels[1].plot(100 * shifts, true, color=INK, lw=1.8, label="true overlap")
     for number, (label, values) in enumerate(legacy.items()):

@@ -71,7 +71,8 @@ def frames(photo: Photograph) -> Viewer:
     colours = None
     if photo.normals is not None:  # light from above, so that its shape is seen
         light = 0.6 + 0.4 * photo.normals @ np.array([0.3, -0.6, 0.74])
-        colours = {cloud: light[:, None] * to_rgb("#7fb8e6")}
+        paint = to_rgb("#7fb8e6") if photo.colours is None else photo.colours
+        colours = {cloud: light[:, None] * paint}
     return Viewer(
         {cloud: poses.apply(photo.R, photo.t, photo.points)},
         colours=colours,
@@ -103,29 +104,33 @@ def pinhole(photo: Photograph) -> Picture:
     figure = new_picture(
         6.4,
         2.9,
-        "Seen from above: rays from the camera's centre to a point at depth Z, X beside the "
+        "Seen from above: a ray from the camera's centre to a point at depth Z, X beside the "
         "optical axis. The ray crosses the image, which stands f in front of the centre, at "
         "f X / Z beside the axis: two triangles of the same shape.",
         "",
     )
     axes = figure.subplots()
-    f = 0.4 * Z
+    f, side, step = 0.4 * Z, np.sign(X), 0.13 * X  # `step` leads away from the ray
     axes.annotate("", (1.12 * Z, 0), (0, 0), arrowprops={"arrowstyle": "->", "color": INK})
     axes.plot([0, Z], [0, X], color=TRUTH, lw=2)
     axes.plot([Z, Z], [0, X], color=INK, ls=":", lw=1.2)
-    axes.plot([f, f], [-0.35 * abs(X), 1.25 * abs(X)], color="0.5", lw=3)
+    axes.plot([f, f], [-0.1 * X, 1.2 * X], color="0.5", lw=3)
     axes.plot([f, f], [0, f * X / Z], color=ESTIMATE, lw=4)
     axes.plot([0, Z, f], [0, X, f * X / Z], "o", color=INK, ms=5)
-    shift = 0.09 * abs(X)
-    axes.text(0, -shift, "camera's\ncentre", ha="center", va="top")
-    axes.text(1.12 * Z, -shift, "optical axis, z", ha="center", va="top")
-    axes.text(f, 1.3 * abs(X), "image", ha="center", va="bottom", color="0.4")
+    for number, (length, name) in enumerate(((f, "$f$"), (Z, "$Z$")), start=1):
+        ends = (0, -number * 1.6 * step), (length, -number * 1.6 * step)
+        axes.annotate("", *ends, arrowprops={"arrowstyle": "<->", "color": "0.4"})
+        look = {"ha": "center", "va": "center", "fontsize": 13, "backgroundcolor": "white"}
+        axes.text(length / 2, ends[0][1], name, **look)
+    axes.text(-0.02 * Z, 0, "camera's\ncentre", ha="right", va="center")
+    axes.text(1.13 * Z, 0, "optical axis, z", va="center")
+    axes.text(f, 1.24 * X, "image", ha="center", va="top" if side > 0 else "bottom", color="0.4")
     axes.text(Z * 1.02, X / 2, "$X$", va="center", fontsize=13)
     axes.text(Z * 1.02, X, "the point", va="center")
     axes.text(f * 1.03, f * X / Z / 2, r"$f\,X/Z$", va="center", fontsize=13, color=ESTIMATE)
-    axes.text(f / 2, -shift, "$f$", ha="center", va="top", fontsize=13)
-    axes.text(0.75 * Z, -shift, "$Z$", ha="center", va="top", fontsize=13)
-    axes.set(xlim=(-0.12 * Z, 1.3 * Z), ylim=(-0.42 * abs(X), 1.5 * abs(X)))
+    # As seen from above, the camera's x points down where its z points right.
+    ends = sorted((-0.6 * X, 1.45 * X), reverse=True)
+    axes.set(xlim=(-0.22 * Z, 1.4 * Z), ylim=ends)
     axes.set_axis_off()
     return figure
 
@@ -150,6 +155,7 @@ def pixel_grid() -> Picture:
     axes.plot(-0.5, -0.5, "s", color=ESTIMATE)
     axes.annotate("(-0.5, -0.5)", (-0.5, -0.5), xytext=(4, 7), textcoords="offset points")
     axes.set(xlim=(-0.8, 3.8), ylim=(2.7, -0.95), aspect="equal", xlabel="x, px", ylabel="y, px")
+    axes.set(xticks=range(4), yticks=range(3))
     axes.spines[:].set_visible(False)
     return figure
 
@@ -236,6 +242,9 @@ def dragged_keypoint(
     alt = f"Keypoint {keypoint} is dragged {right:g} px to the right and {down:g} px down. "
     alt += "Errors of the orange box of the estimate: " + "; ".join(titles)
     figure = picture_grid([pale(photo)] * 2, titles, alt=alt)
+    figure.suptitle(
+        f"keypoint {keypoint}: {right:g} px to the right, {down:g} px down", fontsize=11
+    )
     for axes, result in zip(figure.axes, found, strict=True):
         _draw_pose(axes, photo, photo.R, photo.t, TRUTH)
         _draw_pose(axes, photo, result.R, result.t, ESTIMATE)

@@ -53,6 +53,8 @@ class Photograph:
     """The largest distance of two of its points."""
     normals: np.ndarray | None = None
     """(N, 3) outwards, of length one."""
+    colours: np.ndarray | None = None
+    """(N, 3) of the points, 0 to 1."""
     mask: np.ndarray | None = None
     """(H, W) true where the object is seen."""
     depth: np.ndarray | None = None
@@ -84,6 +86,7 @@ def photograph(name: str = "mug", points: int = 2000) -> Photograph:
         keypoints=np.vstack([vertices[chosen], (low + high) / 2]),
         points=samples,
         normals=normals,
+        colours=things.PAINTS[name](poses.apply(*where, samples))[0] ** (1 / 2.2),
         size=high - low,
         centre=(low + high) / 2,
         diameter=float(pdist(vertices[ConvexHull(vertices).vertices]).max()),

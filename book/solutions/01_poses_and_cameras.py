@@ -150,6 +150,7 @@ assert 30 < width < 40
 #
 # Write one that is right to 1e-9 rad everywhere: at 0, at 1e-7 rad, and at 180 degrees.
 # The picture shows how far off the formula is, and what is expected of you: to stay in the grey.
+# Left of 1e-8 rad the formula says 0, so that the error is the angle itself.
 
 # %%
 angles = np.geomspace(1e-10, 1e-2, 200)
@@ -210,7 +211,7 @@ for apart in (1e-7, 0.5, np.pi):
 #
 # $$\sum_i \lVert R (p_i - \bar p) - (q_i - \bar q) \rVert^2$$
 #
-# Kabsch's answer: take the singular value decomposition $H = U S V^T$ of
+# Kabsch's answer: take the singular value decomposition $H = U \Sigma V^T$ of
 # $H = \sum_i (q_i - \bar q)(p_i - \bar p)^T$, and $R = U V^T$ is the best *orthogonal* matrix.
 # It may be a reflection. Mend that.
 #
@@ -288,7 +289,7 @@ for count in (3, 30, 300):
 # | `R_est`, `t_est` | (3, 3), (3,) | estimated pose; metres |
 # | `R_gt`, `t_gt` | (3, 3), (3,) | true pose; metres |
 # | `points` | (N, 3) | points of the model; metres |
-# | `symmetries` | (S, 4, 4) | homogeneous matrices in the object's frame, the identity among them |
+# | `symmetries` | (M, 4, 4) | homogeneous matrices in the object's frame, the identity among them |
 # | **out** | a number | metres |
 #
 # The much-used ADD-S asks for no list: it compares every point with the *nearest* one. The picture

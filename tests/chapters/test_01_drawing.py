@@ -84,6 +84,18 @@ def test_the_record_describes_its_mesh(photo):
     np.testing.assert_allclose(np.linalg.norm(photo.normals, axis=1), 1)
 
 
+def test_points_have_the_paint_of_the_place_where_they_are():
+    mug = stand_in.photograph("mug")
+    assert mug.colours.shape == mug.points.shape
+    assert (mug.colours >= 0).all() and (mug.colours <= 1).all()
+    handle = mug.colours[mug.points[:, 0] > 0.045]
+    assert len(handle) > 50 and (handle[:, 2] > handle[:, 0]).all()  # blue
+    fish = (np.hypot(mug.points[:, 0], mug.points[:, 2] - 0.002) < 0.008) & (mug.points[:, 1] < 0)
+    outside = mug.normals[:, 1] < 0
+    assert (fish & outside).any()
+    assert (mug.colours[fish & outside, 0] > mug.colours[fish & outside, 2]).all()  # orange
+
+
 @pytest.mark.parametrize("mesh", [stand_in.mug(), stand_in.mug(32, 1), stand_in.can()])
 def test_meshes_face_outwards(mesh):
     vertices, faces = mesh
@@ -167,6 +179,7 @@ def test_the_still_form_of_the_slider_says_what_pnp_finds():
         assert millimetres == pytest.approx(1000 * np.linalg.norm(found.t - photo.t), abs=0.05)
         assert axes.get_title() in figure.alt
     assert "Keypoint 3 is dragged 40 px to the right and -10 px down" in figure.alt
+    assert figure.get_suptitle() == "keypoint 3: 40 px to the right, -10 px down"
     assert figure.png() == draw.dragged_keypoint(photo, right=40, down=-10, keypoint=3).png()
 
 

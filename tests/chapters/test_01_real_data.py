@@ -18,7 +18,7 @@ def test_the_page_runs_on_real_data_and_prints_the_published_angles(real_data, m
         if cell.cell_type == "code":
             exec(compile(cell.source, "01_poses_and_cameras", "exec"), page)
     printed = capsys.readouterr().out
-    assert "here: a photograph of LINEMOD of a cat" in printed
+    assert "the picture shows a cat: a photograph of LINEMOD" in printed
     assert "points measured on the can" in printed
     medians = "'trace with the inverse': 6.36, 'trace with the transpose': 2.64, 'projected first'"
     assert f"{medians}: 3.53" in printed
