@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from posecore.metrics.evaluation import ObjectErrors
@@ -114,13 +114,14 @@ def test_the_order_of_the_poses_does_not_matter(add, turn):
     st.dictionaries(st.integers(1, 40), st.lists(st.floats(0, 9), min_size=1), min_size=1),
     st.integers(40, 200),
 )
+@example({1: [0.0], 2: [0.0]}, 40)  # "all" and "mean" stand in a head of their own
 def test_every_value_is_printed_once_and_fits(objects, width):
     lines = report({i: errors(add) for i, add in sorted(objects.items())})
     text = to_text(lines, width)
     cells = [
         c
         for row in text.splitlines()
-        if row.startswith("  ") and "obj" not in row
+        if row.startswith("  ") and "obj" not in row and row.split()[0] not in ("all", "mean")
         for c in row[24:].split()
     ]
     columns = len(objects) + (2 if len(objects) > 1 else 0)
