@@ -7,6 +7,7 @@ as `"bop:PATH"` into a dataset of views. Metres, pixels and `X_cam = R @ X_obj +
 from __future__ import annotations
 
 import importlib
+import operator
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -196,16 +197,23 @@ class Dataset(ABC):
 
 # Where each kind of source is read: module and callable, imported when first opened. The callable
 # takes what follows the colon in the source (None if nothing does), `split` and the options.
-_READERS = {"bop": "data_tools.bop.dataset:BopDataset"}
+_READERS = {
+    "bop": "data_tools.bop.dataset:BopDataset",
+    "headset": "data_tools.worlds.headset:WORLD.open",
+    "tabletop": "data_tools.worlds.tabletop:WORLD.open",
+    "categories": "data_tools.worlds.categories:WORLD.open",
+}
 
 
 def open(source: str, *, split: str | None = None, **options: Any) -> Dataset:
     """Open a dataset by its name.
 
     Args:
-        source: `"bop:PATH"`, the folder of a dataset in the layout of the BOP benchmark.
-        split: which part of it, for example "test" or "train_pbr"; None takes the only one.
-        options: what the reader of this kind of source takes besides (`BopDataset`).
+        source: `"headset"`, `"tabletop"` or `"categories"`, a world, made on first use; or
+            `"bop:PATH"`, the folder of a dataset in the layout of the BOP benchmark.
+        split: which part of it, for example "train" or "test"; None takes the only one.
+        options: what the reader of this kind of source takes besides: of a world `scale`, by
+            default the one in force (`data_tools.worlds.world.World.open`); or as `BopDataset`.
 
     Raises:
         ValueError: if the source is of no known kind, or its reader refuses it.
@@ -214,9 +222,9 @@ def open(source: str, *, split: str | None = None, **options: Any) -> Dataset:
         fail("source", "a string such as 'bop:PATH'", repr(source))
     kind, _, path = source.partition(":")
     if kind not in _READERS:
-        fail("source", f"KIND:PATH with KIND one of {', '.join(_READERS)}", repr(source))
+        fail("source", f"KIND or KIND:PATH with KIND one of {', '.join(_READERS)}", repr(source))
     module, name = _READERS[kind].split(":")
-    reader = getattr(importlib.import_module(module), name)
+    reader = operator.attrgetter(name)(importlib.import_module(module))
     return reader(path or None, split=split, **options)
 
 

@@ -124,7 +124,7 @@ BAD = [
         r"objects\[1\]\.mask",
     ),
     (lambda: data_tools.open(5), "source"),
-    (lambda: data_tools.open("nocs_:PATH"), "source: expected .* one of bop, got 'nocs_:PATH'"),
+    (lambda: data_tools.open("nocs_:PATH"), "source: expected .* one of bop, .*, got 'nocs_:PATH'"),
     (lambda: data_tools.open(""), "source"),
     (lambda: data_tools.open("bop"), "path"),
     (lambda: data_tools.open("bop:"), "path"),

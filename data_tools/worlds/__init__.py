@@ -1,0 +1,1 @@
+"""Three small worlds in place of data that nobody can download: headset, tabletop, categories."""

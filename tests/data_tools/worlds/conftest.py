@@ -1,0 +1,34 @@
+"""Worlds at `tiny`, made once for all tests of this folder."""
+
+import multiprocessing
+from collections.abc import Callable, Iterator
+from multiprocessing.pool import Pool
+
+import pytest
+
+from data_tools.views import View
+from data_tools.worlds.world import World
+
+
+@pytest.fixture(scope="session")
+def tiny_views(tmp_path_factory: pytest.TempPathFactory) -> Callable[[World, str], list[View]]:
+    """`tiny_views(world, split)`: all views of a split."""
+    folder = tmp_path_factory.mktemp("worlds")
+    made: dict[tuple[str, str], list[View]] = {}
+
+    def views(world: World, split: str) -> list[View]:
+        if (world.name, split) not in made:
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setenv("POSECORE_CACHE", str(folder))
+                dataset = world.open(split=split, scale="tiny", processes=1, progress=False)
+                made[world.name, split] = list(dataset)
+        return made[world.name, split]
+
+    return views
+
+
+@pytest.fixture(scope="session")
+def two_processes() -> Iterator[Pool]:
+    """Two other processes."""
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        yield pool
