@@ -3,17 +3,21 @@
 import os
 from pathlib import Path
 
-import numpy as np
-import pytest
-import torch
-from hypothesis import settings
+# The cores are shared by the processes of one run; what they start, and torch, must know before.
+SHARE = max(1, (os.cpu_count() or 1) // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
+os.environ["OMP_NUM_THREADS"] = str(SHARE)
+
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+import torch  # noqa: E402
+from hypothesis import settings  # noqa: E402
 
 settings.register_profile("book", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("book")
 # Whatever the user's own settings are; the scale of all tests, for the processes they start too.
 os.environ["POSECORE_SCALE"] = "tiny"
 os.environ.pop("POSECORE_RETRAIN", None)
-torch.set_num_threads(max(1, os.cpu_count() or 1))
+torch.set_num_threads(SHARE)
 
 BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[2] / "shared" / "real"
 

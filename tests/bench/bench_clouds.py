@@ -1,6 +1,6 @@
 """How fast clouds are beside what one would use instead: fpsample, SciPy's k-d tree, torch.cdist.
 
-Run with `pytest tests/bench/bench_*.py`. The others take one cloud at a time, so they are
+Run with `pytest -n 0 tests/bench/bench_*.py`. The others take one cloud at a time, so they are
 looped over the batch. Where another promises the same result, it is compared with ours.
 """
 

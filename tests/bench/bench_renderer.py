@@ -1,4 +1,4 @@
-"""The full set of labels beside Embree and others. Run with `pytest tests/bench/bench_*.py`.
+"""The full set of labels beside Embree and others. Run with `pytest -n 0 tests/bench/bench_*.py`.
 
 One core: set OMP_NUM_THREADS=1. Embree gets a tree for each object, which also gives the full
 masks, and casts rays only in the object's box in the image; its hits are made into the same labels.

@@ -1,4 +1,4 @@
-"""How fast rotations are beside RoMa. Run with `pytest tests/bench/bench_*.py`.
+"""How fast rotations are beside RoMa. Run with `pytest -n 0 tests/bench/bench_*.py`.
 
 RoMa solves Procrustes by a quartic in float64 ("horn", its default) or by LAPACK ("svd").
 """

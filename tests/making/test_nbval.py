@@ -139,7 +139,7 @@ def run_pytest(project, *words, before=(), **variables):
     """Exit status, what became of each cell by its name, and all that was printed."""
     command = [
         *(*before, sys.executable, "-m", "pytest", "-c", ROOT / "pyproject.toml"),
-        *("--rootdir", project.parent, "-p", "no:cacheprovider", "-v", "--color=no", *words),
+        *("--rootdir", project.parent, "-p", "no:cacheprovider", "-n0", "-v", "--color=no", *words),
     ]
     done = subprocess.run(
         [str(word) for word in command],
@@ -253,7 +253,16 @@ def test_a_notebook_without_network_sees_the_same_world_whoever_runs_it(outcome)
 
 def test_the_collected_notebooks_are_those_of_the_contents():
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider", "book"],
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "--collect-only",
+            "-n0",
+            "-qp",
+            "no:cacheprovider",
+            "book",
+        ],
         cwd=ROOT,
         capture_output=True,
         text=True,
