@@ -21,7 +21,6 @@ import numpy as np
 
 from data_tools.renderer import render_labels
 from data_tools.shapes import CATEGORIES, make_category
-from data_tools.shapes.mesh import Mesh
 from data_tools.views import ObjectView, View
 from data_tools.worlds.category_scenes import INSTANCES, draw_scene, photographs
 from data_tools.worlds.world import Recipe, Size, World, generator
@@ -198,10 +197,6 @@ _COUNT = max(instances.stop for instances in INSTANCES.values())
 _ALL = {object_id(c, instance): (c, instance) for c in CATEGORIES for instance in range(_COUNT)}
 
 
-def _meshes() -> dict[int, Mesh]:
-    return {number: make_category(*which) for number, which in _ALL.items()}
-
-
 WORLD = World(
     name="categories",
     sizes={
@@ -217,5 +212,5 @@ WORLD = World(
         "data_tools.worlds.placing",
     ),
     object_ids=tuple(_ALL),
-    meshes=_meshes,
+    meshes={number: functools.partial(make_category, *which) for number, which in _ALL.items()},
 )

@@ -319,8 +319,8 @@ def _car() -> tuple[PreparedMesh, PreparedMesh]:
     return prepare(make_seat()), prepare(assemble("cabin", parts, centre=False))
 
 
-def _meshes() -> dict[int, Mesh]:
-    return {number + 1: _worn(number).mesh for number in range(len(GLASSES))}
+def _mesh(number: int) -> Mesh:
+    return _worn(number).mesh
 
 
 WORLD = World(
@@ -335,5 +335,5 @@ WORLD = World(
     modules=(__name__,),
     views_per_record=len(CAMERAS),
     object_ids=(1, 2, 3, 4, HEAD),
-    meshes=_meshes,
+    meshes={number + 1: functools.partial(_mesh, number) for number in range(len(GLASSES))},
 )

@@ -20,7 +20,6 @@ import numpy as np
 
 from data_tools.renderer import Ambient, Light, material_images, render_colour, render_labels
 from data_tools.sensors import depth_sensor, rgb_sensor
-from data_tools.shapes import Mesh
 from data_tools.views import ObjectView, View
 from data_tools.worlds.tabletop_scenes import (
     IDS,
@@ -192,10 +191,6 @@ def _symmetries(object_id: int) -> np.ndarray:
     return WORLD.models.info(object_id).symmetries()
 
 
-def _meshes() -> dict[int, Mesh]:
-    return {object_id: make_object(object_id) for object_id in IDS}
-
-
 WORLD = World(
     name="tabletop",
     sizes=SIZES,
@@ -207,5 +202,5 @@ WORLD = World(
         "data_tools.worlds.placing",
     ),
     object_ids=IDS,
-    meshes=_meshes,
+    meshes={object_id: functools.partial(make_object, object_id) for object_id in IDS},
 )

@@ -76,7 +76,7 @@ class World:
         modules: whose source decides how records look, besides those that all worlds share.
         views_per_record: more than 1 where several cameras see the same instant.
         object_ids: the objects that occur.
-        meshes: makes the mesh of every object, by id; None where no two instances are alike.
+        meshes: by object id, what makes its mesh; None where no two instances are alike.
         seed: of the whole world.
         shard_size: records in a file.
     """
@@ -88,7 +88,7 @@ class World:
     modules: tuple[str, ...]
     object_ids: tuple[int, ...]
     views_per_record: int = 1
-    meshes: Callable[[], Mapping[int, Mesh]] | None = None
+    meshes: Mapping[int, Callable[[], Mesh]] | None = None
     seed: int = 0
     shard_size: int = 16
 
@@ -161,8 +161,8 @@ class World:
 
     @functools.cached_property
     def models(self) -> WorldModels | None:
-        """The objects, made when they are first asked for; None where no two are alike."""
-        return None if self.meshes is None else WorldModels(self.meshes())
+        """The objects; None where no two are alike."""
+        return None if self.meshes is None else WorldModels(self.meshes)
 
     def _size(self, split: str, scale_name: str | None) -> Size:
         name = scale() if scale_name is None else scale_name
@@ -253,15 +253,16 @@ class WorldDataset(Dataset):
 
 
 class WorldModels:
-    """The fixed objects of a world.
+    """The fixed objects of a world, each made when it is first asked for.
 
     Args:
-        meshes: by object id.
+        meshes: by object id, what makes its mesh.
     """
 
-    def __init__(self, meshes: Mapping[int, Mesh]) -> None:
-        self._meshes = dict(sorted(meshes.items()))
-        self._infos = {i: _info(mesh) for i, mesh in self._meshes.items()}
+    def __init__(self, meshes: Mapping[int, Callable[[], Mesh]]) -> None:
+        self._makers = dict(sorted(meshes.items()))
+        self._meshes: dict[int, Mesh] = {}
+        self._infos: dict[int, ModelInfo] = {}
 
     def __repr__(self) -> str:
         return f"WorldModels(objects {list(self.ids)})"
@@ -269,7 +270,7 @@ class WorldModels:
     @property
     def ids(self) -> tuple[int, ...]:
         """The objects' ids in ascending order."""
-        return tuple(self._meshes)
+        return tuple(self._makers)
 
     def info(self, object_id: int) -> ModelInfo:
         """Diameter, box and symmetries of an object.
@@ -277,7 +278,8 @@ class WorldModels:
         Raises:
             ValueError: if there is no such object.
         """
-        require_choice("object_id", object_id, self.ids)
+        if object_id not in self._infos:
+            self._infos[object_id] = _info(self.mesh(object_id))
         return self._infos[object_id]
 
     def mesh(self, object_id: int) -> Mesh:
@@ -287,6 +289,8 @@ class WorldModels:
             ValueError: if there is no such object.
         """
         require_choice("object_id", object_id, self.ids)
+        if object_id not in self._meshes:
+            self._meshes[object_id] = self._makers[object_id]()
         return self._meshes[object_id]
 
 

@@ -1,3 +1,4 @@
+import functools
 import pickle
 from dataclasses import replace
 
@@ -156,15 +157,23 @@ def test_random_numbers_belong_to_the_record(index, other, split):
 
 def test_models():
     meshes = {5: make_object(4), 2: make_object(3)}
-    models = WorldModels(meshes)
+    asked = []
+
+    def make(object_id):
+        asked.append(object_id)
+        return meshes[object_id]
+
+    models = WorldModels({number: functools.partial(make, number) for number in meshes})
     assert models.ids == (2, 5)
     assert repr(models) == "WorldModels(objects [2, 5])"
+    assert not asked
     for object_id, mesh in meshes.items():
         info = models.info(object_id)
         assert models.mesh(object_id) is mesh
         assert info.diameter == mesh.diameter
         assert np.array_equal(info.size, np.ptp(mesh.vertices, axis=0))
     assert np.array_equal(models.info(5).symmetries(), meshes[5].symmetries)
+    assert sorted(asked) == [2, 5]  # each once
     vase = models.info(2)
     assert not len(vase.symmetries_discrete)
     assert np.array_equal(vase.symmetries_continuous[0][0], [0, 0, 1])
