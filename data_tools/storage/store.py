@@ -50,6 +50,7 @@ __all__ = ["WORLDS", "DamageWarning", "Store"]
 WORLDS = "worlds"  # the folder of all worlds in the cache
 FORMAT = 1  # of the files; another one makes all worlds anew
 FORGOTTEN = 3600  # seconds after which an unfinished file has nobody who still writes it
+FILES_PER_PROCESS = 4  # at the least: a new process takes as long to start as a few files to make
 
 
 class DamageWarning(UserWarning):
@@ -192,9 +193,9 @@ class Store:
         Every finished shard is kept, whatever happens to the others.
 
         Args:
-            processes: how many make them; None for one on each core. With 1 they are made right
-                here, which any function allows. Several need one from a module, since a notebook's
-                or a prompt's cannot be sent (None then means 1).
+            processes: how many make them; None for one on each core, and fewer for a few files.
+                With 1 they are made right here, which any function allows. Several need one from a
+                module, since a notebook's or a prompt's cannot be sent (None then means 1).
             part: (i, n) makes every n-th shard from the i-th on, i from 1 to n, to divide a world
                 among n machines: their files then belong in one folder.
             progress: whether to show a bar.
@@ -212,13 +213,18 @@ class Store:
         require_choice("start_method", start_method, START_METHODS)
         wanted = range(self.shards)[_part(part)]
         sendable = can_be_sent(self._function, start_method)
-        if processes is None:
-            processes = (os.cpu_count() or 1) if sendable else 1
-        elif require_integer("processes", processes, 1) > 1 and not sendable:
+        if (
+            processes is not None
+            and require_integer("processes", processes, 1) > 1
+            and not sendable
+        ):
             fail("function", "one from a module, for other processes to call", self._function)
         todo = [number for number in wanted if not self._is_whole(number)]
         if not todo:
             return 0
+        if processes is None:
+            cores = (os.cpu_count() or 1) if sendable else 1
+            processes = max(1, min(cores, len(todo) // FILES_PER_PROCESS))
         self._prepare_folder()
         # Whoever makes the same world at the same time takes another order, and skips what is there
         # when its turn comes: so the work is done about once.

@@ -116,15 +116,17 @@ def test_every_number_is_made_once(tmp_path_factory, numbers, processes):
 
 # Killed at moments chosen by the clock: while processes start, make records, write or end.
 @pytest.mark.parametrize("processes", [1, 2])
-@pytest.mark.parametrize("moment", [0.0, 0.02, 0.05, 0.08, 0.11, 0.15])
+@pytest.mark.parametrize("moment", [0.0, 0.03, 0.08, 0.13, 0.18, 0.24])
 def test_killed_at_any_moment(tmp_path, expected, moment, processes):
     store = world(tmp_path, slow)
     process = in_a_process(store.make, processes, start_method="fork", progress=False)
-    time.sleep(moment)
+    time.sleep(moment / processes)  # two are ready in half the time
     os.kill(process.pid, signal.SIGKILL)
-    assert ended(process) == -signal.SIGKILL
+    status = ended(process)
     assert group_is_gone(process), "the processes that it started end as well"
     kept = {number: store.path(number).stat().st_mtime_ns for number in finished(store)}
+    # On a busy machine the last kill may come when all is done.
+    assert status == -signal.SIGKILL or len(kept) == SHARDS
     assert world(tmp_path).make(1, progress=False) == SHARDS - len(kept)
     for number, made in kept.items():
         assert store.path(number).stat().st_mtime_ns == made, "what was there is not made again"
@@ -132,8 +134,8 @@ def test_killed_at_any_moment(tmp_path, expected, moment, processes):
 
 
 def slow(recipe, index):
-    """All 23 records take about 0.16 s."""
-    time.sleep(0.007)
+    """All 23 records take about 0.28 s."""
+    time.sleep(0.012)
     return make(recipe, index)
 
 

@@ -1,6 +1,7 @@
 """A world on disk: what is read is what was made, and every damage is found, named and mended."""
 
 import json
+import os
 import pickle
 import shutil
 import time
@@ -351,3 +352,22 @@ def test_a_record_that_cannot_be_kept(tmp_path):
     with pytest.raises(MakingError, match="x: record 0: ValueError: a: expected what JSON holds"):
         store[0]
     assert not store.folder.exists() or [p.name for p in store.folder.iterdir()] == ["recipe.json"]
+
+
+@pytest.mark.parametrize(
+    ("count", "cores", "started"), [(3, 8, 1), (8, 8, 2), (32, 2, 2), (31, 8, 7), (40, None, 1)]
+)
+def test_a_few_files_are_not_worth_a_process(tmp_path, monkeypatch, count, cores, started):
+    seen = []
+
+    def in_processes(make_shard, todo, processes, start_method, report):
+        seen.append(processes)
+        for number in todo:
+            make_shard(number, report)
+
+    monkeypatch.setattr(module, "make_in_processes", in_processes)
+    monkeypatch.setattr(os, "cpu_count", lambda: cores)
+    made = Store("x", RECIPE, count, make, version="1", shard_size=1, folder=tmp_path)
+    made.make(progress=False)
+    assert seen == ([] if started == 1 else [started])
+    assert not made.missing()
