@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import os
 import re
@@ -36,6 +35,7 @@ from book.making.notebooks import (
 )
 from book.making.pairs import refuse_lost_edits, set_aside
 from posecore.arrays import require_choice
+from posecore.files import hash_files
 from posecore.scale import SCALES
 
 __all__ = [
@@ -109,11 +109,7 @@ def inputs_digest(path: Path) -> str:
     number = path.stem.partition("_")[0]
     files = sorted((path.parent / "drawing").glob(f"{number}*.py"))
     files += sorted((path.parent / "claims").glob("*.json" if number == "index" else f"{number}*"))
-    digest = hashlib.sha256()
-    for file in files:
-        data = file.read_bytes().replace(b"\r\n", b"\n")
-        digest.update(f"{file.name} {len(data)}\n".encode() + data)
-    return digest.hexdigest()[:16]
+    return hash_files((file.name, file) for file in files)
 
 
 @contextmanager

@@ -11,6 +11,7 @@ import numpy as np
 import trimesh
 
 from data_tools.bop.models import ModelInfo, Models
+from data_tools.sensors import linear_to_srgb
 from data_tools.shapes.mesh import Mesh
 from data_tools.textures import albedo
 from posecore.arrays import fail, require_integer
@@ -106,7 +107,8 @@ def _of_mesh(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     normals, colours, counts = sums
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.where(lengths > 0, normals / np.where(lengths > 0, lengths, 1), [0.0, 0.0, 1.0])
-    return normals, _to_srgb(colours / np.maximum(counts, 1))
+    encoded = linear_to_srgb(colours / np.maximum(counts, 1))
+    return normals, np.round(encoded * 255).astype(np.uint8)
 
 
 def _of_trimesh(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
@@ -115,12 +117,6 @@ def _of_trimesh(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
     if visual.kind == "texture" and visual.to_color().kind == "vertex":  # there is an image
         colours = visual.to_color().vertex_colors
     return mesh.vertex_normals, np.atleast_2d(colours)[:, :3]
-
-
-def _to_srgb(linear: np.ndarray) -> np.ndarray:
-    """Linear colours from 0 to 1 as bytes (IEC 61966-2-1)."""
-    curved = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
-    return np.round(np.where(linear <= 0.0031308, 12.92 * linear, curved) * 255).astype(np.uint8)
 
 
 def _with_symmetries(info: ModelInfo, model: Model) -> ModelInfo:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 from pathlib import Path
 
 from posecore.arrays import fail
+from posecore.files import hash_files
 
 __all__ = ["code_version"]
 
@@ -29,12 +29,8 @@ def code_version(*modules: str) -> str:
     """
     if not modules:
         fail("modules", "at least one name", "none")
-    digest = hashlib.sha256()
-    for module in sorted(set(modules), key=str):
-        for name, path in _sources(module):
-            data = path.read_bytes().replace(b"\r\n", b"\n")
-            digest.update(f"{name} {len(data)}\n".encode() + data)
-    return digest.hexdigest()[:16]
+    named = sorted(set(modules), key=str)
+    return hash_files(source for module in named for source in _sources(module))
 
 
 def _sources(module: str) -> list[tuple[str, Path]]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ast
 import contextlib
-import hashlib
 import importlib.util
 from collections.abc import Iterator
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
 from posecore.arrays import fail
+from posecore.files import hash_files
 
 __all__ = ["PACKAGES", "code_hash", "imported_modules"]
 
@@ -36,11 +36,7 @@ def code_hash(module: str) -> str:
     Raises:
         ValueError: if there is no such module, or one of the files is no Python.
     """
-    digest = hashlib.sha256()
-    for name, path in sorted(imported_modules(module).items()):
-        data = path.read_bytes().replace(b"\r\n", b"\n")
-        digest.update(f"{name} {len(data)}\n".encode() + data)
-    return digest.hexdigest()[:16]
+    return hash_files(sorted(imported_modules(module).items()))
 
 
 def imported_modules(module: str) -> dict[str, Path]:
