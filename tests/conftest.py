@@ -1,6 +1,7 @@
 """What every test shares: reproducible property tests and the road to real data."""
 
 import os
+import tempfile
 from pathlib import Path
 
 # The cores are shared by the processes of one run; what they start, and torch, must know before.
@@ -17,6 +18,11 @@ settings.load_profile("book")
 # Whatever the user's own settings are; the scale of all tests, for the processes they start too.
 os.environ["POSECORE_SCALE"] = "tiny"
 os.environ.pop("POSECORE_RETRAIN", None)
+# One cache for the processes and kernels of a run, where each tiny world is made once, by whoever
+# asks for it first; it goes when the run ends.
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    CACHE = tempfile.TemporaryDirectory(prefix="posecore-", ignore_cleanup_errors=True)
+    os.environ["POSECORE_CACHE"] = CACHE.name
 torch.set_num_threads(SHARE)
 
 BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[2] / "shared" / "real"
