@@ -1,13 +1,13 @@
-"""Views written as a dataset in the layout of the BOP benchmark, with all that its toolkit reads.
+"""Views written as a dataset in the layout of the BOP benchmark, as its toolkit reads it.
 
-    PATH/camera.json, test_targets_bop19.json
+    PATH/camera.json, test_targets_bop19.json, test_targets_bop24.json, dataset_info.md
     PATH/models, models_eval: obj_000001.ply, models_info.json
     PATH/SPLIT/000002/{rgb,gray,depth,mask,mask_visib}/000003.png
     PATH/SPLIT/000002/scene_camera.json, scene_gt.json, scene_gt_info.json
 
-Layout and fields: BOP toolkit, docs/bop_datasets_format.md and scripts/calc_gt_info.py. One thing
-differs: width and height of boxes count pixels, as everywhere in data_tools, while the toolkit's
-script writes the largest minus the smallest coordinate, one less.
+Layout and fields: BOP toolkit, docs/bop_datasets_format.md and scripts/calc_gt_info.py. What
+differs is said in dataset_info.md. There is no scene_gt_coco.json, which only detection needs: the
+toolkit's scripts/calc_gt_coco.py makes it from the masks.
 """
 
 from __future__ import annotations
@@ -39,6 +39,20 @@ pixels, and (N, 4) x, y, width and height."""
 LARGEST = np.iinfo(np.uint16).max
 VISIBLE = 0.1  # share of an object that must be seen for it to be a target: BOP Challenge 2019
 TARGETS = "test_targets_bop19.json"
+IMAGES = "test_targets_bop24.json"  # only images: in detection nobody says what is in them
+ABOUT = """# {}
+
+Images with exact poses, in the layout of the BOP benchmark.
+
+- Lengths are millimetres. The centre of an image's first pixel is at (0, 0).
+- PLY files are binary. Images are PNG files in all splits, train_pbr too.
+- Width and height of boxes count pixels: one more than scripts/calc_gt_info.py of the toolkit has.
+- What is visible (mask_visib, visib_fract, ...) is as the images' makers know it, not estimated
+  from the depth images.
+
+| split | scenes | images |
+|---|---|---|
+"""
 
 
 def write_dataset(
@@ -72,7 +86,8 @@ def write_dataset(
             has it, and the box is that of the part inside the image.
         depth_scale: millimetres per unit of the depth images.
         targets: the split of which `test_targets_bop19.json` lists the objects that are at least
-            10 % visible; None for the first whose name begins with "test", if there is one.
+            10 % visible, and `test_targets_bop24.json` the images; None for the first whose name
+            begins with "test", if there is one.
 
     Raises:
         ValueError: naming the argument, or the view and what does not fit; nothing is left then.
@@ -99,20 +114,27 @@ def write_dataset(
     try:
         unfinished.mkdir()
     except FileExistsError:
-        fail("path", "no remains of an earlier try beside it", str(unfinished))
+        fail("path", "no remains of an earlier try, or of one that goes on, beside it", unfinished)
     try:
         write_models(unfinished / "models", models, infos or {})
         write_models(unfinished / "models_eval", models_eval or models, infos or {})
         writer = _Writer(unfinished, set(models), depth_scale, silhouettes)
+        about = ABOUT.format(path.name)
         for name, views in splits.items():
-            listed = writer.write_split(name, views)
+            images, objects = writer.write_split(name, views)
+            scenes = {image["scene_id"] for image in images}
+            about += f"| {name} | {len(scenes)} | {len(images)} |\n"
             if name == targets:
-                _write_json(unfinished / TARGETS, listed)
+                _write_json(unfinished / TARGETS, objects)
+                _write_json(unfinished / IMAGES, images)
+        write_bytes(unfinished / "dataset_info.md", about.encode())
         if path.exists():  # an empty folder, in the place of which not all systems put another
             path.rmdir()
         unfinished.rename(path)
-    except BaseException:
+    except BaseException as error:
         shutil.rmtree(unfinished, ignore_errors=True)
+        if isinstance(error, OSError) and error.filename is None:
+            error.filename = str(unfinished)  # a full disk does not say which one it is
         raise
 
 
@@ -132,8 +154,10 @@ class _Writer:
         self.silhouettes = silhouettes
         self.shape: tuple[int, int] | None = None
 
-    def write_split(self, split: str, views: Iterable[View]) -> list[dict[str, int]]:
-        """Write the images and the JSON files of a split; returns its targets."""
+    def write_split(
+        self, split: str, views: Iterable[View]
+    ) -> tuple[list[dict[str, int]], list[dict[str, int]]]:
+        """Write the images and the JSON files of a split; returns its targets: images, objects."""
         scenes: dict[int, dict[str, dict[int, Any]]] = {}
         targets = []
         kinds = None
@@ -167,8 +191,13 @@ class _Writer:
         for scene_id, content in scenes.items():
             for name, entries in content.items():
                 _write_json(self.path / split / f"{scene_id:06d}" / f"{name}.json", entries)
+        images = [
+            {"im_id": image_id, "scene_id": scene_id}
+            for scene_id in sorted(scenes)
+            for image_id in sorted(scenes[scene_id]["scene_camera"])
+        ]
         order = ("scene_id", "im_id", "obj_id")
-        return sorted(targets, key=lambda target: [target[key] for key in order])
+        return images, sorted(targets, key=lambda target: [target[key] for key in order])
 
     def _check(self, where: str, view: View) -> dict[str, np.ndarray]:
         """The images of a view as they are written, by the names of their folders."""

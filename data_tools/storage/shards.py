@@ -19,7 +19,7 @@ import struct
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 from data_tools.storage.records import to_json
 
@@ -58,13 +58,13 @@ def read_index(path: Path, key: str, number: int) -> list[Place]:
     """
     with path.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
-        start = file.read(START.size)
+        start = _read(file, path, START.size)
         if not start:
             raise DamagedShard(f"{path}: empty file")
         if len(start) < START.size or not start.startswith(MAGIC):
             raise DamagedShard(f"{path}: no shard: begins with {start[:8]!r}")
         _, length, checksum = START.unpack(start)
-        index = file.read(min(length, size))
+        index = _read(file, path, min(length, size))
     if zlib.crc32(index) != checksum:
         raise DamagedShard(f"{path}: damaged or cut off: wrong checksum of the index")
     content = json.loads(index)
@@ -90,7 +90,7 @@ def read_bytes(path: Path, place: Place) -> bytes:
     """
     with path.open("rb") as file:
         file.seek(place.offset)
-        data = file.read(place.length)
+        data = _read(file, path, place.length)
     if zlib.crc32(data) != place.checksum:
         raise DamagedShard(f"{path}: damaged: wrong checksum at byte {place.offset}")
     return data
@@ -105,3 +105,10 @@ def check_shard(path: Path, key: str, number: int) -> None:
     """
     for place in read_index(path, key, number):
         read_bytes(path, place)
+
+
+def _read(file: BinaryIO, path: Path, count: int) -> bytes:
+    try:
+        return file.read(count)
+    except OSError as error:  # of a bad disk; it does not say in which file
+        raise DamagedShard(f"{path}: cannot be read: {error.strerror}") from error

@@ -169,7 +169,7 @@ class Store:
         return [number for number in range(self.shards) if not self._is_there(number)]
 
     def check(self) -> list[str]:
-        """What is wrong with the files, a line for each that is missing or damaged; reads all."""
+        """What is wrong with the files, a line for each that is not as it was made; reads all."""
         problems = []
         for number in range(self.shards):
             try:
@@ -178,6 +178,8 @@ class Store:
                 problems.append(f"{self.path(number)}: missing")
             except DamagedShard as error:
                 problems.append(str(error))
+            except OSError as error:
+                problems.append(f"{self.path(number)}: cannot be opened: {error.strerror}")
         return problems
 
     def make(
@@ -266,7 +268,10 @@ class Store:
 
     def _discard(self, number: int, error: DamagedShard) -> None:
         self._indices.pop(number, None)
-        self.path(number).unlink(missing_ok=True)
+        try:
+            self.path(number).unlink(missing_ok=True)
+        except OSError as problem:
+            raise MakingError(f"{error}; it cannot be deleted: {problem.strerror}") from problem
         warnings.warn(f"{error}; it is made again", DamageWarning, stacklevel=2)
 
     def _prepare_folder(self) -> None:

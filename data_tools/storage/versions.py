@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from pathlib import Path
 
 from posecore.arrays import fail
 from posecore.files import hash_files
 
 __all__ = ["code_version"]
+
+_LOADED: dict[str, str] = {}  # hashes of loaded modules, as they were when first asked for
 
 
 def code_version(*modules: str) -> str:
@@ -26,11 +29,17 @@ def code_version(*modules: str) -> str:
 
     Raises:
         ValueError: if there are none, or one is no module with a source.
+        RuntimeError: if one was loaded and has been changed since the first call: what this process
+            makes would be taken for what the new source makes.
     """
     if not modules:
         fail("modules", "at least one name", "none")
-    named = sorted(set(modules), key=str)
-    return hash_files(source for module in named for source in _sources(module))
+    sources = {module: _sources(module) for module in sorted(set(modules), key=str)}
+    for module in sources.keys() & sys.modules.keys():
+        version = hash_files(sources[module])
+        if _LOADED.setdefault(module, version) != version:
+            raise RuntimeError(f"{module}: its source has changed; start Python or the kernel anew")
+    return hash_files(source for files in sources.values() for source in files)
 
 
 def _sources(module: str) -> list[tuple[str, Path]]:

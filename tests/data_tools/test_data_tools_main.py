@@ -92,7 +92,7 @@ def test_show(cache, tmp_path, monkeypatch, capsys):
 def test_export_and_back(cache, tmp_path, capsys):
     folder = tmp_path / "bop"
     assert main(["export", str(folder), "--count", "3"]) == 0
-    for split, part in (("train", "train_pbr"), ("easy", "test"), ("occluded", "test_occluded")):
+    for split, part in (("train", "train"), ("easy", "test"), ("occluded", "test_occluded")):
         written = data_tools.open(f"bop:{folder}", split=part)
         world = data_tools.open("tabletop", split=split)
         assert len(written) == 3

@@ -14,6 +14,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 import data_tools
@@ -104,7 +105,8 @@ def load(path):
 
 def test_the_files(world, written):
     found = sorted(p.relative_to(written).as_posix() for p in written.rglob("*") if p.is_file())
-    expected = ["camera.json", "test_targets_bop19.json"]
+    expected = ["camera.json", "dataset_info.md"]
+    expected += ["test_targets_bop19.json", "test_targets_bop24.json"]
     for folder in ("models", "models_eval"):
         expected += [f"{folder}/obj_{i:06d}.ply" for i in IDS] + [f"{folder}/models_info.json"]
     for split, views in (("train_pbr", world.views[:1]), ("test", world.views)):
@@ -230,6 +232,56 @@ def test_targets(world, written):
     assert any(i.visible_fraction < 0.1 for view in world.views for i in view.objects)
     dataset = data_tools.open(f"bop:{written}", split="test", targets="test_targets_bop19.json")
     assert sum(len(v.objects) for v in dataset) == sum(t["inst_count"] for t in expected)
+
+
+def test_images_in_which_to_detect(world, written):
+    """All of the split, also those in which nothing is visible enough."""
+    expected = sorted((view.scene_id, view.image_id) for view in world.views)
+    listed = load(written / "test_targets_bop24.json")
+    assert listed == [{"scene_id": scene, "im_id": image} for scene, image in expected]
+
+
+def test_what_the_dataset_says_of_itself(written):
+    lines = (written / "dataset_info.md").read_text().splitlines()
+    assert lines[0] == "# tabletop"
+    assert lines[-2:] == ["| train_pbr | 1 | 1 |", "| test | 2 | 6 |"]
+
+
+def test_models(world, written):
+    """In millimetres, with unit normals, the box's middle in the origin; as the toolkit counts."""
+    infos = load(written / "models/models_info.json")
+    assert list(infos) == [str(i) for i in IDS]
+    for i in IDS:
+        info = infos[str(i)]
+        data = (written / f"models/obj_{i:06d}.ply").read_bytes()
+        assert data == (written / f"models_eval/obj_{i:06d}.ply").read_bytes()
+        assert data.startswith(b"ply\nformat binary_little_endian 1.0\nelement vertex ")
+        mesh = trimesh.load(written / f"models/obj_{i:06d}.ply", process=False)
+        vertices = mesh.vertices
+        # What is written are 32-bit floats: half a step of 0.0000153 mm at 250 mm, on both sides.
+        near = {"rtol": 0, "atol": 1.6e-5}
+        np.testing.assert_allclose([info[f"min_{a}"] for a in "xyz"], vertices.min(0), **near)
+        np.testing.assert_allclose([info[f"size_{a}"] for a in "xyz"], np.ptp(vertices, 0), **near)
+        np.testing.assert_allclose(info["diameter"], pdist(vertices).max(), **near)
+        np.testing.assert_allclose(vertices.min(0), -vertices.max(0), **near)
+        lengths = np.linalg.norm(mesh.vertex_normals, axis=1)
+        np.testing.assert_allclose(lengths, 1, rtol=0, atol=1e-6)
+    assert infos.keys() == load(written / "models_eval/models_info.json").keys()
+    keys = {"diameter", *(f"{name}_{a}" for name in ("min", "size") for a in "xyz")}
+    assert infos["2"].keys() == keys
+    assert infos["3"].keys() == keys | {"symmetries_continuous"}
+    assert infos["3"]["symmetries_continuous"] == [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]
+    assert infos["4"].keys() == keys | {"symmetries_discrete"}
+    (half_a_turn,) = infos["4"]["symmetries_discrete"]
+    np.testing.assert_allclose(np.reshape(half_a_turn, (4, 4)), np.diag([-1, -1, 1, 1]), atol=1e-15)
+
+
+def test_a_full_disk_is_named(world, tmp_path, monkeypatch):
+    """The system's error for it names no file."""
+    stop_after(monkeypatch, 9, OSError(errno.ENOSPC, "No space left on device"))
+    with pytest.raises(OSError, match=f"No space left on device: '{tmp_path / 'a.unfinished'}'"):
+        write_dataset({"test": world.views[:4]}, tmp_path / "a", world.models)
+    assert list(tmp_path.iterdir()) == []
 
 
 def bare_view(**changes):

@@ -1,10 +1,13 @@
 """A world on disk: what is read is what was made, and every damage is found, named and mended."""
 
+import errno
 import json
 import os
 import pickle
+import re
 import shutil
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -219,6 +222,46 @@ def test_damage_is_found_named_and_mended(store, whole, tmp_path, kind):
         assert store.make(1, progress=False) == 1
     assert files(store) == files(whole)
     assert store.check() == []
+
+
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="needs a file that fails to read")
+def test_a_bad_disk(store, whole, tmp_path):
+    """Where reading fails the system does not say in which file."""
+    store.path(2).unlink()
+    store.path(2).symlink_to("/proc/self/mem")
+    text = r"000002\.shard: cannot be read: Input/output error"
+    (problem,) = store.check()
+    assert re.search(text, problem)
+    with pytest.raises(DamagedShard, match=text):
+        world(tmp_path, None)[6]
+    with pytest.warns(DamageWarning, match=text):
+        assert store.make(1, progress=False) == 1
+    assert files(store) == files(whole)
+
+
+def test_what_is_no_file_is_named(store):
+    """And the check goes on."""
+    store.path(2).unlink()
+    store.path(2).mkdir()
+    store.path(5).write_bytes(b"")
+    strange, empty = store.check()
+    assert strange == f"{store.path(2)}: cannot be opened: Is a directory"
+    assert empty == f"{store.path(5)}: empty file"
+    with pytest.raises(IsADirectoryError, match=r"000002\.shard"):
+        store.make(1, progress=False)
+
+
+def test_damage_that_cannot_be_mended(store, monkeypatch):
+    store.path(2).write_bytes(b"")
+
+    def refuse(*_, **__):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    text = r"000002\.shard: empty file; it cannot be deleted: Read-only file system"
+    for try_it in (lambda: store[6], lambda: store.make(1, progress=False)):
+        with pytest.raises(MakingError, match=text):
+            try_it()
 
 
 def test_a_shard_of_another_world_is_refused(store, whole, tmp_path):

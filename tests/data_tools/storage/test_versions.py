@@ -1,8 +1,11 @@
+import importlib
+import sys
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data_tools.storage import code_version
+from data_tools.storage import code_version, versions
 
 FILES = ("__init__.py", "meshes.py", "deep/__init__.py", "deep/noise.py")
 
@@ -35,6 +38,24 @@ def test_names_count_and_their_order_does_not(package):
     (package / "deep" / "noise.py").rename(package / "deep" / "sounds.py")
     assert both != code_version("made_up_package", "made_up_module")
     assert len(both) == 16
+
+
+def test_code_that_is_no_longer_what_was_loaded(package, monkeypatch):
+    """What it makes must not be taken for what the new source makes."""
+    monkeypatch.setattr(versions, "_LOADED", {})
+    importlib.import_module("made_up_package.meshes")
+    before = code_version("made_up_package", "made_up_module")
+    (package.parent / "made_up_module.py").write_bytes(b"y = 2\n")
+    after = code_version("made_up_package", "made_up_module")
+    assert after != before, "what is not loaded may change"
+    (package / "meshes.py").write_bytes(b"x = 2\n")
+    for names in (["made_up_package"], ["made_up_module", "made_up_package"]):
+        with pytest.raises(RuntimeError, match="made_up_package: its source has changed"):
+            code_version(*names)
+    (package / "meshes.py").write_bytes(b"x = 1\n")
+    assert code_version("made_up_package", "made_up_module") == after
+    for name in ("made_up_package", "made_up_package.meshes"):
+        monkeypatch.delitem(sys.modules, name)
 
 
 def test_other_files_do_not_count(package):
