@@ -35,6 +35,8 @@ class ObjectView:
         visible_fraction: share of the full silhouette that is seen, 0 to 1.
         size: (3,) extent of the object along its axes in metres.
         symmetries: (S, 4, 4) motions in metres that leave the object as it is, identity first.
+        coordinates: (H, W, 3) float32 metres in the object's frame, where each pixel lies on the
+            object, 0 outside the mask.
 
     Raises:
         ValueError: naming the field that does not fit this description.
@@ -50,6 +52,7 @@ class ObjectView:
     visible_fraction: float | None = None
     size: np.ndarray | None = None
     symmetries: np.ndarray | None = None
+    coordinates: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         _set(self, "object_id", require_integer("object_id", self.object_id, 0))
@@ -75,6 +78,19 @@ class ObjectView:
             _set(self, "symmetries", _numbers("symmetries", self.symmetries, (count, 4, 4)))
             if not np.array_equal(self.symmetries[0], np.eye(4)):
                 fail("symmetries", "the identity first", self.symmetries[0].tolist())
+        _set(self, "coordinates", _image("coordinates", self.coordinates, (np.float32,), 3))
+        if self.coordinates is not None:
+            self._check_coordinates()
+
+    def _check_coordinates(self) -> None:
+        if not np.isfinite(self.coordinates).all():
+            fail("coordinates", "finite metres", "others")
+        if self.mask is None:
+            return
+        if self.coordinates.shape[:2] != self.mask.shape:
+            fail("coordinates", f"height and width {self.mask.shape} as in the mask", "others")
+        if self.coordinates[~self.mask].any():
+            fail("coordinates", "0 outside the mask", "others")
 
     def __repr__(self) -> str:
         seen = "" if self.visible_fraction is None else f", {self.visible_fraction:.0%} visible"
@@ -153,7 +169,7 @@ class View:
             if getattr(self, name) is not None:
                 yield name, getattr(self, name)
         for i, item in enumerate(self.objects):
-            for name in ("mask", "full_mask"):
+            for name in ("mask", "full_mask", "coordinates"):
                 if getattr(item, name) is not None:
                     yield f"objects[{i}].{name}", getattr(item, name)
 

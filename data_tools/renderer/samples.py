@@ -11,7 +11,7 @@ from data_tools.renderer.visibility import Scene, Visibility
 __all__ = ["Samples", "all_in_pixels", "contrasting", "one_per_pixel", "refined"]
 
 STEP = 0.05  # share by which the depths within a pixel may differ
-CONTRAST = 0.08  # (light - dark) / (light + dark) of neighbours above which both are refined
+CONTRAST = 0.12  # (light - dark) / (light + dark) of neighbours above which both are refined
 UNSEEN = 0.03  # added to light + dark, since nobody sees the edges of the dark
 
 
@@ -113,7 +113,8 @@ def contrasting(picture: np.ndarray, whole: np.ndarray) -> np.ndarray:
         picture: (H, W, C).
         whole: (H, W) bool, the pixels that are compared.
     """
-    brightness = picture.mean(axis=2)
+    channels = np.moveaxis(picture, 2, 0)
+    brightness = sum(channels[1:], channels[0]) / len(channels)  # faster than the mean
     result = np.zeros(whole.shape, bool)
     for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
         a, b = brightness[one], brightness[other]

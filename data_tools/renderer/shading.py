@@ -69,7 +69,7 @@ def shade(
             normals = np.stack(surface.object_normal, axis=1)
             colour = reflectance(materials, material, points, normals).reshape(len(part), channels)
             gloss = np.array([(m.specular, m.shininess) for m in materials], np.float32)[material].T
-            flat = face_normals(item, scene.poses[index], face)
+            flat = face_normals(item, scene.poses[index], face, surface.side)
             for channel, value in enumerate(
                 _radiance(surface, flat, colour.T, *gloss, lights, ambient)
             ):

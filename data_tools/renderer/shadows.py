@@ -15,6 +15,7 @@ curved surfaces", 1978). Three faults of that idea are known by name, and each h
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -54,7 +55,11 @@ class ShadowMap:
         self._map = seen.reshape(-1)
         # The nearest thing around each texel, so that a search in wide steps misses nothing thin.
         self._search = 1 << WIDEST if radius > 0 else 1
-        self._nearest = cv2.dilate(seen, np.ones((self._search + 1,) * 2, np.uint8)).reshape(-1)
+        nearest = cv2.dilate(seen, np.ones((self._search + 1,) * 2, np.uint8))
+        self._nearest = nearest.reshape(-1)
+        # And the nearest thing in each window of the search.
+        coarse = np.ascontiguousarray(nearest[:: self._search, :: self._search])
+        self._window = cv2.dilate(coarse, np.ones((4, 4), np.uint8), anchor=(0, 0))
         self._radius = np.float32(radius)
 
     def lit(self, point: Triple, normal: Triple) -> np.ndarray:
@@ -120,13 +125,23 @@ class ShadowMap:
     def _penumbra(self, p: Triple, n: Triple) -> np.ndarray:
         """Width in texels of the half-shadow in which a point lies; -1 if nothing is before it."""
         plane = self._plane(p, n, 1)
+        left, top, _, _ = self._corner(plane, self._search)
+        corner = tuple((c.astype(np.int64) + MARGIN) // self._search for c in (top, left))
+        lowest = plane[2] - 2 * self._search * (np.abs(plane[3]) + np.abs(plane[4]))
+        within = np.flatnonzero(self._window[corner] > np.maximum(lowest, 0))
+        width = np.full(len(lowest), -1, np.float32)
+        width[within] = self._searched(tuple(c[within] for c in plane))
+        return width
+
+    def _searched(self, plane: tuple[np.ndarray, ...]) -> np.ndarray:
+        """`_penumbra`, texel by texel."""
         inverse = plane[2]
         # On a slope the surface itself comes before its plane within a step of the search: that
         # has to be looked at, but tells nothing of the width.
         slope = self._search * (np.abs(plane[3]) + np.abs(plane[4]))
         anything = np.zeros(len(inverse), bool)
         total, count = np.zeros((2, len(inverse)), np.float32)
-        for found, expected, _ in self._texels(self._nearest, plane, self._search):
+        for found, expected in self._texels(self._nearest, plane, self._search):
             anything |= found > expected
             blocks = found > expected + slope
             count += blocks
@@ -137,33 +152,53 @@ class ShadowMap:
         return np.where(anything, width, np.float32(-1))
 
     def _filtered(self, plane: tuple[np.ndarray, ...], step: int) -> np.ndarray:
-        """The share of 4 x 4 texels, `step` apart, that see the point."""
+        """The share of 4 x 4 texels, `step` apart, that see the point.
+
+        Their weights are a box three steps wide around the point, smoothed: they sum to 1, and a
+        texel enters and leaves with weight 0.
+        """
+        _, _, share_u, share_v = self._corner(plane, step)
+        texels = self._texels(self._map, plane, step)
         total = np.zeros(len(plane[0]), np.float32)
-        for found, expected, weight in self._texels(self._map, plane, step):
-            total += weight * (found <= expected)
-        return total
+        for weight in (1 - share_v, 1, 1, share_v):
+            first, second, third, fourth = (
+                found <= expected for found, expected in islice(texels, 4)
+            )
+            row = (1 - share_u) * first
+            row += second
+            row += third
+            row += share_u * fourth
+            total += weight * row
+        return total * np.float32(1 / 9)
 
     def _texels(
         self, seen: np.ndarray, plane: tuple[np.ndarray, ...], step: int
-    ) -> Iterator[tuple]:
-        """What 4 x 4 texels around a point hold, what its plane is there, and their weights.
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """What 4 x 4 texels around a point hold, row by row, and what its plane is there.
 
-        The texels are those of a grid of every `step`-th. Their weights are a box three steps wide
-        around the point, smoothed: they sum to 1, and a texel enters and leaves with weight 0.
+        The texels are those of a grid of every `step`-th.
         """
         u, v, inverse, along, down = plane
-        end = self._size // step + 2  # points outside the map are moved into its empty margin
-        left, top = (np.clip(np.floor(c / step), -2, end) for c in (u, v))
-        share_u, share_v = np.clip(u / step - left, 0, 1), np.clip(v / step - top, 0, 1)
-        left, top = step * (left - 1), step * (top - 1)
+        left, top, _, _ = self._corner(plane, step)
         line = self._size + 2 * MARGIN
-        index = ((top + MARGIN) * line + left + MARGIN).astype(np.int64)
+        index = (top.astype(np.int64) + MARGIN) * line + left.astype(np.int64) + MARGIN
         corner = inverse + along * (left - u) + down * (top - v)
-        for j, weight_v in enumerate((1 - share_v, 1, 1, share_v)):
-            for i, weight_u in enumerate((1 - share_u, 1, 1, share_u)):
-                found = seen.take(index + step * (j * line + i))
-                expected = corner + np.float32(step * i) * along + np.float32(step * j) * down
-                yield found, expected, weight_u * weight_v * np.float32(1 / 9)
+        along, down = np.float32(step) * along, np.float32(step) * down
+        for j in range(4):
+            expected = corner + np.float32(j) * down
+            for i in range(4):
+                if i:
+                    expected = expected + along
+                yield seen[step * (j * line + i) :].take(index), expected
+
+    def _corner(self, plane: tuple[np.ndarray, ...], step: int) -> tuple[np.ndarray, ...]:
+        """Column and row of the first of the 4 x 4 texels around a point, and where the point lies
+        between the second and the third, from 0 to 1."""
+        end = self._size // step + 2  # points outside the map are moved into its empty margin
+        u, v = (c / step for c in plane[:2])
+        left, top = (np.clip(np.floor(c), -2, end) for c in (u, v))
+        share_u, share_v = np.clip(u - left, 0, 1), np.clip(v - top, 0, 1)
+        return step * (left - 1), step * (top - 1), share_u, share_v
 
 
 def shadow_map(

@@ -26,7 +26,7 @@ __all__ = [
     "surface_at",
 ]
 
-CHUNK = 8192  # pixels worked on at a time, so that all their numbers stay in the processor's cache
+CHUNK = 16384  # pixels worked on at a time, so that all their numbers stay in the processor's cache
 
 Triple = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -40,12 +40,14 @@ class Surface:
         coordinates: the same points in the object's frame.
         normal: shading normals in the camera's frame, on the side from which the face is seen.
         object_normal: in the object's frame, on the outer side.
+        side: 1 for faces that the camera sees from outside, -1 for those it sees from behind.
     """
 
     point: Triple
     coordinates: Triple
     normal: Triple
     object_normal: Triple
+    side: np.ndarray
 
 
 def surface_at(
@@ -79,7 +81,7 @@ def surface_at(
     )
     side = _side(prepared, pose, face)
     normal = tuple(side * c for c in rotated(R.astype(np.float32), outward))
-    return Surface(point, coordinates, normal, outward)
+    return Surface(point, coordinates, normal, outward, side)
 
 
 def camera_points(K: np.ndarray, x: np.ndarray, y: np.ndarray, inverse_depth: np.ndarray) -> Triple:
@@ -92,18 +94,19 @@ def camera_points(K: np.ndarray, x: np.ndarray, y: np.ndarray, inverse_depth: np
     return ray_x * z, ray_y * z, z
 
 
-def face_normals(prepared: PreparedMesh, pose: Pose, face: np.ndarray) -> Triple:
-    """The normals of the flat faces in the camera's frame, on the side of the camera."""
+def face_normals(prepared: PreparedMesh, pose: Pose, face: np.ndarray, side: np.ndarray) -> Triple:
+    """The normals of the flat faces in the camera's frame, on the `side` of the camera."""
     normal = tuple(row[face].astype(np.float32) for row in prepared.planes[:3])
-    side = _side(prepared, pose, face)
     return tuple(side * c for c in rotated(pose[0].astype(np.float32), normal))
 
 
 def _side(prepared: PreparedMesh, pose: Pose, face: np.ndarray) -> np.ndarray:
     """1 for faces that the camera sees from outside, -1 for those that it sees from behind."""
     R, t = pose
-    distance = affine((*-np.linalg.inv(R) @ t, 0.0), prepared.planes) + prepared.planes[3]
-    return np.where(distance < 0, np.float32(-1), np.float32(1))[face]
+    planes = prepared.planes[:, face] if len(face) < prepared.planes.shape[1] else prepared.planes
+    distance = affine((*-np.linalg.inv(R) @ t, 0.0), planes) + planes[3]
+    side = np.where(distance < 0, np.float32(-1), np.float32(1))
+    return side if planes is not prepared.planes else side[face]
 
 
 def dot(a: Triple, b: Triple) -> np.ndarray:

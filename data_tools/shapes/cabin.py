@@ -61,16 +61,17 @@ def torso(flesh: Material, rng: np.random.Generator) -> list[Part]:
     shoulders = limb((-0.145 * broad, -0.275, -0.135), (0.145 * broad, -0.275, -0.135), 0.062)
     chest = ball((0, -0.39, -0.125), (0.175 * broad, 0.2, 0.115))
     body = blend([shoulders, *slopes, chest, *arms], 0.05)
-    parts = [neck, dome, skin(body, (-0.4, -0.64, -0.3), (0.4, -0.1, 0.06), 0.026, cloth)]
+    lift = np.array([0, 0.028, 0])
+    clothed = skin(body, (-0.4, -0.64, -0.3), (0.4, -0.1, 0.06), 0.026, cloth).moved(shift=lift)
+    parts = [neck, dome, clothed]
     loop = 2 * np.pi * np.arange(28) / 28
     ring = np.stack([(thick + 0.012) * np.cos(loop), 0 * loop, (thick + 0.012) * np.sin(loop)], -1)
     style = rng.integers(3)
     fat, tall = ((0.009, 0.01), (0.007, 0.022), (0.016, 0.02))[style]  # crew neck, polo, hood
     ring = ring * (1.12 if style == 2 else 1.0) @ turn("x", 14).T
     plain = replace(cloth, pattern="")
-    parts.append(
-        tube(ring + [0, -0.186 + tall * 0.6, -0.128], (fat, tall), plain, (0, 1, 0), 8, around=True)
-    )
+    ring = ring + lift + [0, -0.186 + tall * 0.6, -0.128]
+    parts.append(tube(ring, (fat, tall), plain, (0, 1, 0), 8, around=True))
     return parts
 
 
@@ -78,7 +79,7 @@ def make_seat() -> Mesh:
     """The car seat behind the person, with its headrest: background, in the same frame."""
     cloth = Material(paint("#3a3d42"), paint("#24262a"), "cloth", 4, 0.03, 10, 0.14, 0.09)
     side = Material(paint("#202226"), paint("#2c2f34"), "noise", 6, 0.1, 15, 0.08, 0.1)
-    metal = Material(paint("#9a9ca0"), specular=0.7, shininess=40, infrared=0.45)
+    metal = Material(paint("#9a9ca0"), specular=0.1, shininess=40, infrared=0.3)
     back = box((0.46, 0.66, 0.11), 0.045, cloth, 4).moved(turn("x", -8), (0, -0.5, -0.33))
     parts = [back]
     for s in (-1, 1):

@@ -77,7 +77,7 @@ def face(head: Shape, p: Proportions, flesh: Material) -> Part:
 def eyes(flesh: Material, rng: np.random.Generator) -> list[Part]:
     """Eyeballs between their lids."""
     iris = paint(("#2e1b0f", "#1d3a52", "#2b4220", "#1a0f08")[rng.integers(4)])
-    white = Material((0.72, 0.69, 0.65), iris, "eye", 90, 0.7, 90, 0.5, 0.1)
+    white = Material((0.72, 0.69, 0.65), iris, "eye", 90, 0.15, 120, 0.5, 0.1)
     parts = []
     for side in (-1, 1):
         x = side * 0.0315

@@ -36,10 +36,10 @@ __all__ = ["GLASSES", "MODELLED", "make_glasses"]
 
 MODELLED = np.diag([1.0, -1.0, -1.0])
 UP, LEFT = (0, 1, 0), (1, 0, 0)
-BLACK = Material(paint("#1a1a1c"), specular=0.4, shininess=40, infrared=0.1)
-LENS = Material(paint("#182226"), specular=0.9, shininess=150, infrared=0.06)
+BLACK = Material(paint("#1a1a1c"), specular=0.15, shininess=40, infrared=0.1)
+LENS = Material(paint("#182226"), specular=0.06, shininess=400, infrared=0.06)
 CHROME = Material(paint("#c3c3c8"), specular=0.8, shininess=60, infrared=0.55)
-GREY = Material(paint("#56585e"), specular=0.3, shininess=30, infrared=0.3)
+GREY = Material(paint("#56585e"), specular=0.12, shininess=30, infrared=0.3)
 EYE = Material(paint("#08080c"), specular=1.0, shininess=120, infrared=0.03)  # of a camera
 
 
@@ -75,9 +75,14 @@ def _wrapped(points: np.ndarray) -> np.ndarray:
     return points - np.array([0, 0, 1]) * (2.2 * points[..., :1] ** 2)
 
 
-def _pane(outline: np.ndarray, thick: float, material: Material) -> Part:
-    back = np.array([0, 0, thick])
-    return loft(np.stack([outline - back / 2, outline + back / 2]), material)
+def _pane(width: float, height: float, square: float, side: int) -> Part:
+    """A lens: its front is domed, so that it mirrors a lamp in a spot and not as a whole."""
+    back = _rim(width, height, square, side) - [0, 0, 0.001]
+    front = [
+        _rim(share * width, share * height, square, side) + [0, 0, 0.001 + 0.005 * (1 - share**2)]
+        for share in (1, 0.8, 0.55, 0.3, 0.1)
+    ]
+    return loft(np.stack([back, *front]), LENS)
 
 
 def _temple(side: int, hinge: tuple[float, float, float], half: tuple, material: Material) -> Part:
@@ -114,7 +119,7 @@ def _classic() -> list[Part]:
     for side in (-1, 1):
         rim = _rim(0.056, 0.042, 0.75, side)
         parts.append(tube(rim, (0.0038, 0.0036), BLACK, (0, 0, 1), 8, around=True, crease=0.9))
-        parts.append(_pane(_rim(0.054, 0.04, 0.75, side), 0.002, LENS))
+        parts.append(_pane(0.054, 0.04, 0.75, side))
         parts.append(
             box((0.012, 0.014, 0.012), 0.003, BLACK).moved(
                 turn("y", 18 * side), (side * 0.066, 0.011, -0.0125)
@@ -151,15 +156,15 @@ def _round() -> list[Part]:
 
 
 def _visor() -> list[Part]:
-    shell = Material(paint("#35373c"), specular=0.3, shininess=30, infrared=0.22)
+    shell = Material(paint("#35373c"), specular=0.12, shininess=30, infrared=0.22)
     band = Material(paint("#6f7278"), specular=0.1, infrared=0.4)
     turns = np.linspace(-1.08, 1.08, 30)
     middle = np.stack([0.0775 * np.sin(turns), 0 * turns, 0.078 * (np.cos(turns) - 1) + 0.014], -1)
     outward = np.stack([np.sin(turns), 0 * turns, np.cos(turns)], -1)
     nose = 0.016 * np.exp(-((turns / 0.24) ** 2))
     low, high = -0.031 + nose + 0.006 * turns**2, np.full(30, 0.023)
-    heights = np.array([0.0, 0.06, 0.5, 0.94, 1.0, 1.0, 0.5, 0.0])
-    depth = np.array([0.0, 0.0015, 0.003, 0.0015, 0.0, -0.0022, -0.0015, -0.0022])
+    heights = np.array([0.0, 0.06, 0.28, 0.5, 0.72, 0.94, 1.0, 1.0, 0.5, 0.0])
+    depth = np.append(0.008 * (heights * (1 - heights) * 4)[:7], [-0.0022, -0.0015, -0.0022])
     y = low[:, None] + heights * (high - low)[:, None]
     rings = middle[:, None] + depth[:, None] * outward[:, None]
     rings[..., 1] = y

@@ -65,13 +65,12 @@ def _parted(head: Shape, p: Proportions, strands: Material, rng: np.random.Gener
 
 def _long(head: Shape, p: Proportions, strands: Material, rng: np.random.Generator) -> list[Part]:
     sides = [
-        limb((side * 0.072 * p.width, 0.03, -0.085), (side * 0.083, -0.15, -0.09), 0.021, 0.024)
-        for side in (-1, 1)
+        ball((side * 0.072 * p.width, -0.052, -0.106), (0.023, 0.125, 0.046)) for side in (-1, 1)
     ]
-    behind = ball((0, -0.06, -0.15), (0.088, 0.115, 0.062))
+    behind = ball((0, -0.065, -0.15), (0.09, 0.125, 0.062))
     top = common(_grown(head, 0.014), carve(_FULL_CROWN, [_FOREHEAD], 0.015), 0.01)
     face = ball((0, -0.045, 0.0), (0.064, 0.1, 0.085))
-    shape = carve(blend([top, *sides, behind], 0.02), [face], 0.012)
+    shape = carve(blend([top, *sides, behind], 0.03), [face], 0.012)
     return [skin(shape, LOW - [0, 0.11, 0], HIGH, 0.0125, strands)]
 
 
@@ -93,7 +92,7 @@ def _curly(head: Shape, p: Proportions, strands: Material, rng: np.random.Genera
 
 def _cap(head: Shape, p: Proportions, strands: Material, rng: np.random.Generator) -> list[Part]:
     colour = paint(str(rng.choice(CLOTHES)))
-    cloth = Material(colour, infrared=float(rng.uniform(0.2, 0.65)))
+    cloth = Material(colour, infrared=float(rng.uniform(0.1, 0.25)))  # skin is brighter
     radii = np.array([0.083 * p.width, 0.086 * p.height, 0.102 * p.depth])
     rise = np.linspace(0, np.pi / 2, 10)[:-1]
     profile = [(0, -0.08), (0.97, -0.08), *zip(np.cos(rise), np.sin(rise), strict=True), (0, 1)]
@@ -113,8 +112,11 @@ def _cap(head: Shape, p: Proportions, strands: Material, rng: np.random.Generato
 
 def _beanie(head: Shape, p: Proportions, strands: Material, rng: np.random.Generator) -> list[Part]:
     colour = paint(str(rng.choice(CLOTHES)))
-    bright = float(rng.uniform(0.25, 0.7))
-    wool = Material(colour, (0.05, 0.05, 0.06), "cloth", 12, 0.03, 10, bright)
+    bright = float(rng.uniform(0.15, 0.4))
+    upright = (1.0, 0, 0, 0, 0, 0, 1.0, 0.11, 0, 1.0, 0, 0)  # the ribs' axis
+    wool = Material(
+        colour, (0.05, 0.05, 0.06), "ribs", 1, 0.03, 10, bright, 0.4 * bright, place=upright
+    )
     middle, slope = -0.108 * p.depth, -0.25  # the rim rises towards the front
     dome = ball((0, 0.045, middle), (0.085 * p.width, 0.096 * p.height, 0.104 * p.depth))
     tip = ball((0, 0.116 * p.height + 0.012, -0.11), 0.022)

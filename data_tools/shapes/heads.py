@@ -83,13 +83,13 @@ def make_subject(seed: int) -> Subject:
         second_infrared=0.18,
         seed=2 * int(rng.integers(50)) + (beard == "stubble"),
     )
-    hair_bright = float(rng.uniform(0.14, 0.42))
+    hair_bright = float(rng.uniform(0.1, 0.32))
     strands = Material(
         shade,
         tuple(0.45 * c for c in shade),
         "strands",
         28,
-        0.2,
+        0.06,
         20,
         hair_bright,
         0.6 * hair_bright,

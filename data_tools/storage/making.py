@@ -14,7 +14,7 @@ import signal
 import sys
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -66,11 +66,16 @@ def make_in_processes(
             with contextlib.suppress(OSError):  # it has died, which shows when its answer is read
                 connection.send(busy[connection])
 
+    # A process is only given the script that asks for it if it needs what is defined there.
+    aside = contextlib.nullcontext
+    if start_method != "fork" and b"__main__" not in pickle.dumps(make_shard):
+        aside = _script_aside
     try:
         for _ in range(processes):
             ours, theirs = context.Pipe()
             workers[ours] = context.Process(target=_work, args=(make_shard, theirs), daemon=True)
-            workers[ours].start()
+            with aside():
+                workers[ours].start()
             theirs.close()
             go_on(ours)
         while busy:
@@ -109,6 +114,21 @@ def can_be_sent(function: Callable[..., Any], start_method: str) -> bool:
     except Exception:  # each kind of object has its own way of refusing
         return False
     return True
+
+
+@contextlib.contextmanager
+def _script_aside() -> Iterator[None]:
+    """Processes started meanwhile do not run the main script, so it needs no `__main__` guard.
+
+    They would begin with the file or module that these two names of the main module point to.
+    """
+    main = vars(sys.modules["__main__"])
+    kept = {name: main[name] for name in ("__spec__", "__file__") if name in main}
+    main.update(dict.fromkeys(kept))
+    try:
+        yield
+    finally:
+        main.update(kept)
 
 
 def _work(make_shard: MakeShard, connection: Connection) -> None:

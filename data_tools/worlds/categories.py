@@ -6,16 +6,15 @@ and differ in their instances; `shifted` has other instances too, and other floo
 worse sensors. At `tiny` and `book` a view is a crop around one object, which other things may cover
 in part; at `paper` it is a scene of several, all of them labelled.
 
-Each object carries its category, its pose, its size and the symmetries of its shape, and besides
-what an `ObjectView` has its `coordinates`. Frames are those of `data_tools.shapes.categories`: the
-origin is the middle of the bounding box and y is up. `View.depth` is what a structured-light camera
-measured, with its noise and holes; coordinates are exact.
+Each object carries its category, its pose, its size, the symmetries of its shape and its
+`coordinates`. Frames are those of `data_tools.shapes.categories`: the origin is the middle of the
+bounding box and y is up. `View.depth` is what a structured-light camera measured, with its noise
+and holes; coordinates are exact.
 """
 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,11 +23,11 @@ from data_tools.shapes import CATEGORIES, make_category
 from data_tools.views import ObjectView, View
 from data_tools.worlds.category_scenes import INSTANCES, draw_scene, photographs
 from data_tools.worlds.world import Recipe, Size, World, generator
-from posecore.arrays import fail, require_choice, require_integer, to_numbers
+from posecore.arrays import fail, require_choice, require_integer
 from posecore.cameras import depth_to_points
 from posecore.poses import apply, invert, to_matrix
 
-__all__ = ["INSTANCES", "WORLD", "CategoryObject", "nocs_map", "object_coordinates", "object_id"]
+__all__ = ["INSTANCES", "WORLD", "nocs_map", "object_coordinates", "object_id"]
 
 DEPTH_STEP = 1e-4  # metres
 FARTHEST = 6.5  # metres, that the depth camera measures
@@ -37,28 +36,11 @@ HIDDEN = 0.1  # of an object that is seen less than this, nobody asks the pose
 FIRST = 0.4  # what is seen at least of the object whose turn it is
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class CategoryObject(ObjectView):
-    """An object of which it is known where each of its pixels lies on it.
-
-    Attributes:
-        coordinates: (H, W, 3) float32 metres in the object's frame, 0 outside the mask.
-    """
-
-    coordinates: np.ndarray
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        values = to_numbers("coordinates", self.coordinates)
-        if values.ndim != 3 or values.shape[2] != 3 or not np.isfinite(values).all():
-            fail("coordinates", "finite metres of shape (H, W, 3)", f"shape {values.shape}")
-
-
 def object_coordinates(view: View, index: int = 0) -> np.ndarray:
     """Where each pixel of an object lies on it.
 
     Args:
-        view: a view of this world.
+        view: a view whose objects have coordinates, as those of this world.
         index: which of its objects.
 
     Returns:
@@ -70,10 +52,9 @@ def object_coordinates(view: View, index: int = 0) -> np.ndarray:
     if not view.objects:
         fail("view", "one with objects", "none")
     item = view.objects[require_integer("index", index, 0, len(view.objects) - 1)]
-    coordinates = getattr(item, "coordinates", None)
-    if coordinates is None:
-        fail("view", "objects with coordinates", type(item).__name__)
-    return coordinates
+    if item.coordinates is None:
+        fail("view", "objects with coordinates", repr(item))
+    return item.coordinates
 
 
 def nocs_map(view: View, index: int = 0) -> np.ndarray:
@@ -161,7 +142,7 @@ def _views(recipe: Recipe, index: int, record: dict) -> list[View]:
         coordinates = np.zeros((*mask.shape, 3), np.float32)
         coordinates[mask] = apply(*invert(R, t), depth_to_points(exact, K, mask))
         category = CATEGORIES[record["ids"][row] // 1000 - 1]
-        item = CategoryObject(
+        item = ObjectView(
             object_id=record["ids"][row],
             category=category,
             R=R,

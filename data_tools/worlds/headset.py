@@ -30,11 +30,10 @@ import numpy as np
 
 from data_tools.renderer import Light, PreparedMesh, prepare, render_infrared, render_labels
 from data_tools.sensors import infrared_sensor
-from data_tools.shapes import GLASSES, PIVOT, make_glasses, make_seat, make_subject
-from data_tools.shapes.building import Part, assemble, paint, turn
-from data_tools.shapes.mesh import Material, Mesh
-from data_tools.shapes.pieces import box
+from data_tools.shapes import GLASSES, PIVOT, make_glasses, make_subject
+from data_tools.shapes.mesh import Mesh
 from data_tools.views import ObjectView, View
+from data_tools.worlds.cabin import make_cabin, windows
 from data_tools.worlds.world import Recipe, Size, World, generator
 from posecore.arrays import fail, require_integer, to_numbers
 from posecore.poses import compose, from_matrix, relative, to_matrix
@@ -47,7 +46,7 @@ HEAD = 5  # the object id of the head
 SUBJECTS = {"train": tuple(range(12)), "test": tuple(range(12, 16))}
 
 DEPTH_STEP = 1e-4  # metres
-LAMP = 0.5  # power of a camera's lamp
+LAMP = 0.55  # power of a camera's lamp
 LIMITS = np.radians([75.0, 35.0, 25.0])  # of yaw, pitch and roll
 # What drivers do: how often, where they look and how much that varies (yaw, pitch, roll, degrees).
 _HABITS = (
@@ -135,7 +134,7 @@ def _record(recipe: Recipe, index: int) -> dict:
     angles = _angles(rng)
     head = _about_pivot(angles, seat + lean)
     torso = _about_pivot(angles * [0.25, 0, 0], seat + lean)
-    objects = [_worn(glasses), *_driver(subject), *_car()]
+    objects = [_worn(glasses), *_driver(subject), *make_cabin()]
     poses = [head, head, torso, (np.eye(3), seat), (np.eye(3), np.zeros(3))]
     daylight = _daylight(rng)
 
@@ -153,7 +152,7 @@ def _record(recipe: Recipe, index: int) -> dict:
             size,
             _lights(T, daylight),
             ambient=0.004 + 0.03 * daylight,
-            background=_windows(rng, daylight, height, width),
+            background=windows(rng, daylight, height, width),
             casters=(0, 1, 2),
             shadow_texels=2 * width,
         )
@@ -263,16 +262,6 @@ def _lights(T_world_cam: np.ndarray, daylight: float) -> list[Light]:
     return [lamp, Light(window, 0.14 * daylight, shadows=False)] if daylight else [lamp]
 
 
-def _windows(rng: np.random.Generator, daylight: float, height: int, width: int) -> np.ndarray:
-    """(H, W) what is seen through the windows: the sky, and blurred trees before it."""
-    coarse = rng.uniform(0.25, 1, (7, 12))
-    rows = np.linspace(0, 6, height)
-    columns = np.linspace(0, 11, width)
-    tall = np.stack([np.interp(rows, np.arange(7), column) for column in coarse.T], axis=1)
-    smooth = np.stack([np.interp(columns, np.arange(12), row) for row in tall])
-    return daylight * 0.5 * smooth * np.linspace(1, 0.3, height)[:, None] + 0.006
-
-
 @functools.lru_cache(maxsize=4)
 def _worn(glasses: int) -> PreparedMesh:
     return prepare(make_glasses(GLASSES[glasses]))
@@ -283,40 +272,6 @@ def _driver(subject: int) -> tuple[PreparedMesh, PreparedMesh]:
     """Head and torso."""
     person = make_subject(subject)
     return prepare(person.head), prepare(person.torso)
-
-
-@functools.lru_cache(maxsize=1)
-def _car() -> tuple[PreparedMesh, PreparedMesh]:
-    """The driver's seat, and the cabin behind it, in the car's frame."""
-    cloth = Material(
-        paint("#303236"), paint("#202226"), "cloth", 3, infrared=0.45, second_infrared=0.3
-    )
-    trim = Material(paint("#4a4a4c"), specular=0.1, infrared=0.35)
-    roof = Material(paint("#9a9890"), paint("#8c8a84"), "noise", 4, infrared=0.5)
-    belt = Material(paint("#222224"), infrared=0.5)
-
-    def block(size: tuple, at: tuple, material: Material, *turns: np.ndarray) -> Part:
-        part = box(size, min(0.05, 0.45 * min(size)), material, 2)
-        for R in turns:
-            part = part.moved(R)
-        return part.moved(shift=at)
-
-    parts = [
-        block((1.7, 0.04, 1.7), (-0.3, -0.31, 0.65), roof, turn("x", -5)),
-        block((1.5, 0.75, 0.2), (-0.33, 0.55, 1.0), cloth, turn("x", -10)),
-        block((1.6, 0.06, 0.5), (-0.33, 0.2, 1.35), trim),
-    ]
-    for x in (-0.75, 0.1):
-        parts.append(block((0.26, 0.17, 0.1), (x, 0.1, 1.05), cloth))
-    for side in (-1, 1):
-        x = -0.33 + side * 0.78
-        parts += [
-            block((0.08, 0.9, 2.0), (x, 0.55, 0.6), trim),  # the door, below its window
-            block((0.07, 0.55, 0.12), (x - side * 0.03, -0.1, 0.38), trim, turn("x", 8)),
-            block((0.1, 0.6, 0.16), (x - side * 0.08, -0.05, 1.2), trim, turn("x", 30)),
-        ]
-    parts.append(block((0.012, 0.9, 0.045), (0.4, 0.1, 0.32), belt, turn("z", 8)))
-    return prepare(make_seat()), prepare(assemble("cabin", parts, centre=False))
 
 
 def _mesh(number: int) -> Mesh:
@@ -332,7 +287,7 @@ WORLD = World(
     },
     record=_record,
     views=_views,
-    modules=(__name__,),
+    modules=(__name__, "data_tools.worlds.cabin"),
     views_per_record=len(CAMERAS),
     object_ids=(1, 2, 3, 4, HEAD),
     meshes={number + 1: functools.partial(_mesh, number) for number in range(len(GLASSES))},

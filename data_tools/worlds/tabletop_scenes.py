@@ -189,23 +189,61 @@ def _before_camera(
 
 
 def _backdrop(rng: np.random.Generator) -> tuple[PreparedMesh, tuple[np.ndarray, np.ndarray]]:
-    """A tilted wall of any pattern and colour behind all things."""
+    """A tilted wall behind all things, of patches of any shape, pattern and colour.
+
+    So much is in it that the objects are not just what differs from the ground.
+    """
+    count = rng.integers(8, 40)
+    outlines = [4 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)]
+    outlines += [_patch(rng) + [0, 0, 0.04 * (k + 1) / count] for k in range(count)]
+    sides = [len(outline) for outline in outlines]
+    first = np.cumsum([0, *sides[:-1]])
+    fans = [
+        start + np.array([(0, k, k + 1) for k in range(1, n - 1)])
+        for n, start in zip(sides, first, strict=True)
+    ]
+    faces = np.concatenate(fans)
+    mesh = Mesh(
+        name="backdrop",
+        vertices=np.concatenate(outlines),
+        faces=faces.astype(np.int32),
+        corner_normals=np.broadcast_to(np.float32([0, 0, 1]), (len(faces), 3, 3)).copy(),
+        material=np.repeat(np.arange(count + 1), [n - 2 for n in sides]).astype(np.int16),
+        materials=tuple(_paper(rng, outline.mean(0)) for outline in outlines),
+        closed=np.zeros(len(faces), bool),
+    )
+    R, t = _wall(np.pi / 2 + rng.uniform(-0.5, 0.5), rng.uniform(0.9, 1.5))
+    return prepare(mesh), (R @ turn_z(rng.uniform(0, 2 * np.pi)), t)
+
+
+def _patch(rng: np.random.Generator) -> np.ndarray:
+    """(N, 3) corners of a flat patch: three to twelve on an ellipse."""
+    count = int(rng.choice([3, 4, 4, 4, 5, 6, 12]))
+    angles = 2 * np.pi * (np.arange(count) + rng.uniform(-0.25, 0.25, count)) / count
+    radii = np.exp(rng.uniform(np.log(0.08), np.log(0.6), 2))
+    corners = radii * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    flat = np.column_stack([corners, np.zeros(count)]) @ turn_z(rng.uniform(0, 2 * np.pi)).T
+    return flat + [*rng.uniform(-1.1, 1.1, 2), 0]
+
+
+def _paper(rng: np.random.Generator, centre: np.ndarray) -> Material:
+    """Any pattern in any two colours; pictures lie in the middle."""
     pattern = str(rng.choice(list(PATTERNS)))
     grey = rng.uniform(0.03, 0.9, 2)[:, None]
-    first, second = np.clip(grey * rng.uniform(0.4, 1.6, (2, 3)), 0, 1).tolist()
-    material = Material(
+    first, second = np.clip(grey * rng.uniform(0.2, 1.8, (2, 3)), 0, 1).tolist()
+    scale = float(np.exp(rng.uniform(np.log(1), np.log(16))))
+    R = turn_z(rng.uniform(0, 2 * np.pi))
+    middle = np.array([0.5, 0.5, 0]) / scale - R @ centre
+    return Material(
         tuple(first),
         tuple(second),
         pattern,
-        float(np.exp(rng.uniform(np.log(2), np.log(20)))),
+        scale,
         specular=rng.uniform(0, 0.1),
         infrared=rng.uniform(0.2, 0.8),
         seed=int(rng.integers(100)),
+        place=tuple(np.column_stack([R, middle]).ravel().tolist()),
     )
-    square = make_floor(0, 8.0)
-    mesh = Mesh(**{**vars(square), "materials": (material,)})
-    R, t = _wall(np.pi / 2 + rng.uniform(-0.5, 0.5), rng.uniform(0.9, 1.5))
-    return prepare(mesh), (R @ turn_z(rng.uniform(0, 2 * np.pi)), t)
 
 
 def _wall(azimuth: float, distance: float) -> tuple[np.ndarray, np.ndarray]:

@@ -92,6 +92,10 @@ class World:
     seed: int = 0
     shard_size: int = 16
 
+    def __post_init__(self) -> None:
+        # As early as can be: what is edited from now on is not what this process will run.
+        code_version(*SHARED, *self.modules)
+
     def __repr__(self) -> str:
         return f"World({self.name!r}, splits {', '.join(self.splits)})"
 

@@ -26,6 +26,7 @@ def test_a_full_record(seed, height, width):
     rng = np.random.default_rng(seed)
     mask = rng.random((height, width)) < 0.5
     symmetries = np.tile(np.eye(4), (3, 1, 1))
+    coordinates = rng.random((height, width, 3), np.float32) * mask[..., None]
     known = item(
         category="mug",
         box=[1, 2, 3, 4],
@@ -34,6 +35,7 @@ def test_a_full_record(seed, height, width):
         visible_fraction=0.25,
         size=[0.1, 0.2, 0.3],
         symmetries=symmetries,
+        coordinates=coordinates,
     )
     rgb = rng.integers(0, 256, (height, width, 3), np.uint8)
     depth = rng.random((height, width), np.float32)
@@ -54,6 +56,7 @@ def test_a_full_record(seed, height, width):
         assert array.dtype == np.float64
     assert known.box.tolist() == [1, 2, 3, 4]
     assert known.mask is mask
+    assert known.coordinates is coordinates
     size = f"{width} x {height}"
     assert repr(full) == f"View(scene 1, image 2: {size} rgb+ir+depth, objects [1, 1])"
     assert repr(known) == "ObjectView(1 mug at [0.0, 0.0, 1.0] m, 25% visible)"
@@ -66,6 +69,8 @@ def test_an_empty_record():
     assert repr(bare) == "View(scene 1, image 2: no image, objects [])"
     assert repr(item()) == "ObjectView(1 at [0.0, 0.0, 1.0] m)"
     assert view(objects=[item(mask=np.ones((2, 3), bool))]).shape == (2, 3)
+    assert item().coordinates is None
+    assert view(objects=[item(coordinates=XYZ)]).shape == (2, 3)
 
 
 def test_records_are_frozen():
@@ -77,6 +82,8 @@ def test_records_are_frozen():
 
 NAN = np.full((3, 3), np.nan)
 RGB = np.zeros((2, 3, 3), np.uint8)
+XYZ = np.ones((2, 3, 3), np.float32)
+MASK = np.ones((2, 3), bool)
 BAD = [
     (lambda: item(object_id=-1), "object_id"),
     (lambda: item(object_id=1.0), "object_id"),
@@ -101,6 +108,14 @@ BAD = [
     (lambda: item(symmetries=np.eye(4)), "symmetries"),
     (lambda: item(symmetries=np.zeros((0, 4, 4))), "symmetries"),
     (lambda: item(symmetries=2 * np.eye(4)[None]), "symmetries"),
+    (lambda: item(coordinates=XYZ.astype(float)), "coordinates"),
+    (lambda: item(coordinates=XYZ[..., :2]), "coordinates"),
+    (lambda: item(coordinates=XYZ[0]), "coordinates"),
+    (lambda: item(coordinates="all"), "coordinates"),
+    (lambda: item(coordinates=np.float32(np.inf) * XYZ), "coordinates: expected finite"),
+    (lambda: item(coordinates=XYZ, mask=MASK.T), "coordinates: .* as in the mask"),
+    (lambda: item(coordinates=XYZ, mask=~MASK), "coordinates: expected 0 outside the mask"),
+    (lambda: view(rgb=RGB[:1], objects=[item(coordinates=XYZ)]), r"objects\[0\]\.coordinates"),
     (lambda: view(scene_id=-1), "scene_id"),
     (lambda: view(image_id="3"), "image_id"),
     (lambda: view(K=np.eye(4)), "K"),

@@ -63,7 +63,8 @@ def test_the_surface_at_points_of_faces(shapes, seed):
     np.testing.assert_allclose(np.stack(surface.object_normal, 1), normal, atol=2e-3)
     flat = item.planes[:3, face].T @ R.T
     side = np.where((flat * seen).sum(1) > 0, -1, 1)[:, None]
+    np.testing.assert_array_equal(surface.side, side[:, 0])
     np.testing.assert_allclose(np.stack(surface.normal, 1), side * (normal @ R.T), atol=2e-3)
-    towards = np.stack(face_normals(item, (R, t), face), 1)
+    towards = np.stack(face_normals(item, (R, t), face, surface.side), 1)
     np.testing.assert_allclose(towards, side * flat, atol=1e-6)
     assert ((towards * seen).sum(1) <= 1e-6).all()

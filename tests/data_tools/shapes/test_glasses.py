@@ -42,6 +42,23 @@ def test_lenses_lie_around_the_origin():
     assert len(arms) and arms[:, 1].max() > 0.02  # arms run back and then down, and y is down
 
 
+@pytest.mark.parametrize("name", ["classic", "visor"])
+@pytest.mark.parametrize("yaw", [0, 10, -25])
+def test_lenses_mirror_a_lamp_in_a_spot(name, yaw):
+    """Some of the lens, but less than a tenth, is within 5 degrees of facing the camera's lamp."""
+    rng = np.random.default_rng(0)
+    mesh = make_glasses(name)
+    lens = mesh.material == next(i for i, m in enumerate(mesh.materials) if m.infrared == 0.06)
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[lens]], 1, 0)
+    lamp = Rotation.from_euler("Y", yaw, degrees=True).apply([0, 0, -1])
+    seen = np.clip(np.cross(b - a, c - a) @ lamp, 0, None)
+    face = rng.choice(len(seen), 50_000, p=seen / seen.sum())
+    corner = rng.dirichlet((1, 1, 1), len(face))
+    normals = (mesh.corner_normals[lens][face] * corner[..., None]).sum(1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    assert 0.005 < (normals @ lamp > np.cos(np.radians(5))).mean() < 0.1
+
+
 def test_the_display_of_prism_is_before_the_right_eye():
     mesh = make_glasses("prism")
     lens = next(i for i, m in enumerate(mesh.materials) if m.infrared == 0.06)

@@ -15,7 +15,6 @@ from data_tools.worlds import categories, category_scenes
 from data_tools.worlds.categories import (
     INSTANCES,
     WORLD,
-    CategoryObject,
     nocs_map,
     object_coordinates,
     object_id,
@@ -241,9 +240,6 @@ POSE = {"object_id": 1, "R": np.eye(3), "t": np.ones(3)}
         (lambda view: object_id("cup", 0), "category"),
         (lambda view: object_id("mug", 72), "instance"),
         (lambda view: object_id("mug", -1), "instance"),
-        (lambda view: CategoryObject(**POSE, coordinates=np.zeros((4, 3))), "coordinates"),
-        (lambda view: CategoryObject(**POSE, coordinates=np.full((2, 2, 3), np.inf)), "coord"),
-        (lambda view: CategoryObject(**POSE, coordinates="all"), "coordinates"),
         (lambda view: WORLD.open(split="test"), "split"),
         (lambda view: WORLD.open(split="train", scale="small"), "scale"),
     ],

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from data_tools.shapes import make_object as make_mesh
+from data_tools.textures import PATTERNS
 from data_tools.worlds.placing import distance_apart, extents
 from data_tools.worlds.tabletop_scenes import (
     IDS,
@@ -124,7 +125,29 @@ def test_floating(seed, count):
         assert np.allclose(A @ A.T, np.eye(3), atol=1e-9)
     inwards, place = scene.poses[-1][0][:, 2], scene.poses[-1][1]
     for points in points_of(scene, range(scene.casters)):
-        assert ((points - place) @ inwards).min() > 0, "the backdrop is behind all things"
+        assert ((points - place) @ inwards).min() > 0.04, "the backdrop is behind all things"
+
+
+def test_backdrops_are_full_of_patches():
+    """Of many patterns and colours, so that what differs from the ground is not yet an object."""
+    patterns, relief = set(), []
+    for seed in range(30):
+        scene = draw_floating(np.random.default_rng(seed), 1)
+        mesh = scene.things[-1].mesh
+        assert len(mesh.materials) > 8
+        assert len(set(mesh.materials)) == len(mesh.materials)
+        assert len({m.pattern for m in mesh.materials}) > 4
+        assert np.ptp([m.colour for m in mesh.materials], axis=0).min() > 0.25
+        patterns |= {m.pattern for m in mesh.materials}
+        # Each patch is flat, faces the camera and lies before the last.
+        heights = mesh.vertices[mesh.faces][..., 2]
+        assert np.ptp(heights, axis=1).max() == 0
+        assert (np.diff(heights[:, 0]) >= 0).all()
+        a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+        assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+        relief.append(np.ptp(heights))
+    assert patterns == set(PATTERNS)
+    assert max(relief) <= 0.04
 
 
 @pytest.mark.parametrize("object_id", IDS)

@@ -1,5 +1,7 @@
 import functools
 import pickle
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -201,6 +203,30 @@ def test_one_process_or_two(cache):
             path.unlink()
     assert files[0] == files[1]
     assert len(files[0]) == 3
+
+
+SCRIPT = """
+import sys
+from dataclasses import replace
+from data_tools.worlds import tabletop
+from data_tools.worlds.world import Size
+print("begun")
+world = replace(
+    tabletop.WORLD, name="small", sizes={"tiny": Size(16, 12, {"easy": 4})}, shard_size=1
+)
+dataset = world.open(split="easy", processes=2, progress=False)
+print([view.image_id for view in dataset])
+print(__file__ == sys.argv[0], __spec__)
+"""
+
+
+def test_a_script_needs_no_main_guard(tmp_path):
+    """Other processes do not run it again, and it gets back what is hidden from them."""
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT)
+    done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, timeout=100)
+    assert done.stderr == ""
+    assert done.stdout.splitlines() == ["begun", "[0, 1, 2, 3]", "True None"]
 
 
 @pytest.mark.parametrize(
