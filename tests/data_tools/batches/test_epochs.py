@@ -1,0 +1,100 @@
+import itertools
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from data_tools.batches import Batches
+
+
+def make(rows, *, generator, scale=1.0):
+    return {"rows": rows, "noise": scale * torch.rand(3, generator=generator)}
+
+
+def same(a, b):
+    return all(torch.equal(x[name], y[name]) for x, y in zip(a, b, strict=True) for name in x)
+
+
+@given(st.integers(1, 40), st.integers(1, 12), st.integers(0, 2**40))
+def test_each_row_once_an_epoch(count, size, seed):
+    size = min(size, count)
+    rows = torch.arange(100, 100 + count)
+    batches = Batches(make, rows, size, seed=seed)
+    assert len(batches) == count // size
+    for epoch in range(3):
+        assert (batches.epoch, batches.step) == (epoch, 0)
+        seen = torch.cat([next(batches)["rows"] for _ in range(len(batches))])
+        assert len(seen.unique()) == len(seen) == size * (count // size)
+        assert torch.isin(seen, rows).all()
+
+
+@given(st.integers(0, 30), st.integers(0, 2**40))
+def test_a_run_goes_on_bit_for_bit(done, seed):
+    rows = torch.arange(22).reshape(11, 2)
+    batches = Batches(make, rows, 3, seed=seed, scale=2.0)
+    list(itertools.islice(batches, done))
+    state = batches.state_dict()
+    rest = list(itertools.islice(batches, 7))
+    other = Batches(make, rows, 3, seed=seed, scale=2.0)
+    other.load_state_dict(state)
+    assert other.state_dict() == state
+    assert same(rest, itertools.islice(other, 7))
+    assert rest[0]["rows"].shape == (3, 2)
+
+
+def test_epochs_and_seeds_differ():
+    def first(seed, skip):
+        batches = Batches(make, torch.arange(50), 50, seed=seed)
+        return list(itertools.islice(batches, skip + 1))[-1]
+
+    a, b, c = first(0, 0), first(0, 1), first(1, 0)
+    for x, y in ((a, b), (a, c), (b, c)):
+        assert not torch.equal(x["rows"], y["rows"])
+        assert not torch.equal(x["noise"], y["noise"])
+    assert not torch.equal(a["rows"], torch.arange(50))
+
+
+def test_a_failure_loses_no_batch():
+    fails = [True]
+
+    def moody(rows, *, generator):
+        if fails.pop() if fails else False:
+            raise RuntimeError
+        return make(rows, generator=generator)
+
+    batches = Batches(moody, torch.arange(9), 3, seed=0)
+    with pytest.raises(RuntimeError):
+        next(batches)
+    assert same([next(batches)], [next(Batches(make, torch.arange(9), 3, seed=0))])
+
+
+ROWS = torch.arange(6)
+STATE = {"seed": 0, "epoch": 0, "step": 0}
+
+
+def load(state):
+    Batches(make, ROWS, 2, seed=0).load_state_dict(state)
+
+
+BAD = [
+    (lambda: Batches(None, ROWS, 2, seed=0), "make"),
+    (lambda: Batches(make, [1, 2], 2, seed=0), "rows"),
+    (lambda: Batches(make, torch.tensor(3), 1, seed=0), "rows"),
+    (lambda: Batches(make, ROWS[:0], 1, seed=0), "rows"),
+    (lambda: Batches(make, ROWS, 0, seed=0), "batch_size"),
+    (lambda: Batches(make, ROWS, 7, seed=0), "batch_size"),
+    (lambda: Batches(make, ROWS, 2, seed=-1), "seed"),
+    (lambda: Batches(make, ROWS, 2, seed=0.5), "seed"),
+    (lambda: load({"epoch": 0, "step": 0}), "state"),
+    (lambda: load(None), "state"),
+    (lambda: load(STATE | {"seed": 1}), "state"),
+    (lambda: load(STATE | {"step": 3}), "state"),
+    (lambda: load(STATE | {"epoch": -1}), "state"),
+]
+
+
+@pytest.mark.parametrize("call, name", BAD)
+def test_bad_input(call, name):
+    with pytest.raises(ValueError, match=f"^{name}"):
+        call()

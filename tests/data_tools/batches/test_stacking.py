@@ -1,0 +1,280 @@
+import pickle
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from data_tools import batches
+from data_tools.batches import Augmentation
+from data_tools.batches.files import PIECE
+from data_tools.storage import DamageWarning, cache_size, clean
+from data_tools.views import Dataset, ObjectView, View
+from tests.data_tools.batches.conftest import open_world
+
+K = np.array([[100, 0, 15.5], [0, 100, 11.5], [0, 0, 1]])
+
+
+def make_view(index, count=1, **changes):
+    """Squares that overlap, the later ones farther away, so that the first is in front."""
+    objects = []
+    for row in range(count):
+        mask = np.zeros((24, 32), bool)
+        mask[4 + row : 14 + row, 5 + row : 20 + row] = True
+        t = np.array([0, 0, 1.0 + row])
+        objects.append(ObjectView(object_id=row + 1, R=np.eye(3), t=t, mask=mask))
+    image = np.random.default_rng(index).integers(0, 256, (24, 32, 3)).astype(np.uint8)
+    return View(
+        **{"K": K, "scene_id": 3, "image_id": index, "rgb": image, "objects": objects} | changes
+    )
+
+
+class Listed(Dataset):
+    """Views in memory, which count how often they are asked for."""
+
+    object_ids = (1, 2)
+
+    def __init__(self, views):
+        self.views, self.asked = views, 0
+
+    def __len__(self):
+        return len(self.views)
+
+    def __getitem__(self, index):
+        self.asked += 1
+        return self.views[index]
+
+    def models(self):
+        raise ValueError
+
+
+def load(views):
+    return batches.load(Listed(views), progress=False)
+
+
+@pytest.mark.parametrize("world", ["categories", "headset", "tabletop"])
+def test_the_table_is_that_of_the_views(world, stack_of, views_of):
+    stack, views = stack_of(world), views_of(world)
+    objects = [item for view in views for item in view.objects]
+    assert len(stack) == len(views) and len(stack.R) == len(objects)
+    assert np.array_equal(stack.K, [view.K for view in views])
+    assert np.array_equal(stack.T_world_cam, [view.T_world_cam for view in views])
+    assert stack.scene_id.tolist() == [view.scene_id for view in views]
+    assert stack.image_id.tolist() == [view.image_id for view in views]
+    assert stack.view.tolist() == [i for i, view in enumerate(views) for _ in view.objects]
+    for name in ("R", "t", "visible_fraction"):
+        assert np.array_equal(getattr(stack, name), [getattr(item, name) for item in objects])
+    assert np.array_equal(stack.object_size, [item.size for item in objects])
+    assert stack.object_id.tolist() == [item.object_id for item in objects]
+    if stack.categories is not None:
+        names = [stack.categories[i] for i in stack.category]
+        assert names == [item.category for item in objects]
+    pairs = {(view.group, int(number)) for view, number in zip(views, stack.group, strict=True)}
+    assert len(pairs) == len({view.group for view in views}) == int(stack.group.max()) + 1
+
+
+def test_triples(stack_of):
+    stack = stack_of("headset")
+    assert stack.groups.tolist() == np.arange(48).reshape(16, 3).tolist()
+    batch = stack.frames(stack.groups[2:4])
+    assert batch["ir"].shape == (2, 3, 1, 47, 80)
+    assert batch["K"].shape == (2, 3, 3, 3)
+    assert batch["view"].tolist() == [[6, 7, 8], [9, 10, 11]]
+    flat = stack.frames(torch.arange(6, 12))
+    assert torch.equal(batch["ir"].flatten(0, 1), flat["ir"])
+    for name in ("image", "R", "t", "box"):
+        assert torch.equal(batch[name], flat[name])
+
+
+def test_rows(stack_of):
+    stack = stack_of("tabletop")
+    rows = stack.rows(object_id=[1, 5], visible=0.7)
+    assert 0 < len(rows) < len(stack.view)
+    expected = torch.isin(stack.object_id, torch.tensor([1, 5])) & (stack.visible_fraction >= 0.7)
+    assert torch.equal(rows, expected.nonzero()[:, 0])
+    assert torch.equal(stack.rows(object_id=1), stack.rows(object_id=[1]))
+    named = stack_of("categories")
+    mugs = named.rows(category="mug")
+    assert [named.categories[i] for i in named.category[mugs]] == ["mug"] * len(mugs)
+
+
+def test_the_second_time_nothing_is_decoded(stack_of, cache, monkeypatch):
+    stack = stack_of("tabletop")
+
+    def refuse(*_):
+        raise AssertionError("decoded again")
+
+    monkeypatch.setattr("data_tools.batches.stacking.make_piece", refuse)
+    again = batches.load(open_world("tabletop"), progress=False)
+    assert torch.equal(again.R, stack.R)
+    a, b = (s.frames(torch.arange(10)) for s in (stack, again))
+    assert all(torch.equal(a[name], b[name]) for name in a)
+
+
+def test_what_nothing_identifies_stays_in_memory(tmp_path, monkeypatch):
+    monkeypatch.setenv("POSECORE_CACHE", str(tmp_path))
+    source = Listed([make_view(i) for i in range(PIECE + 3)])
+    stack = batches.load(source, progress=False)
+    assert source.asked == PIECE + 3
+    stack.frames(torch.tensor([0, PIECE + 2]))
+    assert source.asked == PIECE + 3
+    assert not list(tmp_path.iterdir())
+
+
+def small_world(folder):
+    from data_tools.worlds import headset
+
+    dataset = headset.WORLD.open(split="test", scale="tiny", processes=1, progress=False)
+    return batches.load(dataset, folder=folder, progress=False)
+
+
+def damage(kind, path):
+    data = bytearray(path.read_bytes())
+    if kind == "image":
+        data[len(data) // 2] ^= 16
+    elif kind == "table":
+        data[1000] ^= 16
+    path.write_bytes({"empty": b"", "cut": data[:-100], "other": b"x" * 99}.get(kind, bytes(data)))
+
+
+@pytest.mark.parametrize("kind", ["image", "table", "empty", "cut", "other"])
+def test_damage_is_found_named_and_mended(cache, tmp_path, kind):
+    whole = small_world(tmp_path).frames(torch.arange(48))
+    (path,) = tmp_path.rglob("*.shard")
+    before = path.read_bytes()
+    damage(kind, path)
+    with pytest.warns(DamageWarning, match=f"{path.name}: .*made again"):
+        mended = small_world(tmp_path).frames(torch.arange(48))
+    assert all(torch.equal(mended[name], whole[name]) for name in whole)
+    assert path.read_bytes() == before
+
+
+def test_half_written_files_do_no_harm(cache, tmp_path):
+    small_world(tmp_path)
+    (path,) = tmp_path.rglob("*.shard")
+    path.with_name(f".{path.name}.{'0a' * 8}.tmp").write_bytes(b"half")
+    assert len(small_world(tmp_path)) == 48
+
+
+def test_clean_takes_it_away(cache, tmp_path, monkeypatch):
+    small_world(tmp_path)
+    files = list(tmp_path.rglob("*.shard"))
+    name = files[0].parent.relative_to(tmp_path).as_posix()
+    assert cache_size(tmp_path) == {name: files[0].stat().st_size}
+    assert name.startswith("headset-stack/")
+    clean(tmp_path)
+    assert not list(tmp_path.rglob("*.shard"))
+
+
+def test_a_full_disk_leaves_nothing_half(cache, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("data_tools.batches.files.write_bytes", full)
+        with pytest.raises(OSError, match="No space"):
+            small_world(tmp_path)
+    assert not list(tmp_path.rglob("*.shard"))
+    assert len(small_world(tmp_path)) == 48
+
+
+def test_pickled(cache, tmp_path):
+    stack = small_world(tmp_path)
+    again = pickle.loads(pickle.dumps(stack))
+    assert len(pickle.dumps(stack)) < 1e5
+    assert torch.equal(again.frames(torch.arange(3))["ir"], stack.frames(torch.arange(3))["ir"])
+
+
+def test_where_masks_overlap_the_nearer_object_is_seen():
+    stack = load([make_view(0, 2)])
+    batch = stack.frames(torch.tensor([0]))
+    first, second = (view.mask for view in make_view(0, 2).objects)
+    assert np.array_equal(batch["instance"][0] == 0, first)
+    assert np.array_equal(batch["instance"][0] == 1, second & ~first)
+
+
+def test_what_is_not_known_is_not_there():
+    bare = [ObjectView(object_id=1, R=np.eye(3), t=np.array([0, 0, 1.0]), box=[3, 3, 9, 9])]
+    stack = load([make_view(0, objects=bare), make_view(1, objects=bare)])
+    for name in ("T_world_cam", "visible_fraction", "object_size", "category", "categories"):
+        assert getattr(stack, name) is None
+    plain = Augmentation(background=0, occluder=0)
+    batch = stack.crops(torch.arange(2), 16, augment=plain, generator=torch.Generator())
+    assert set(batch) == {"view", "group", "K", "row", "object_id", "R", "t", "rgb"}
+
+
+def test_images_without_objects():
+    stack = load([make_view(0, 0), make_view(1, 1), make_view(2, 0)])
+    augment = Augmentation(background=1, occluder=1)
+    batch = stack.frames(torch.arange(3), augment=augment, generator=torch.Generator())
+    assert batch["image"].tolist() == [1] and batch["R"].shape == (1, 3, 3)
+    empty = stack.frames(torch.tensor([0, 2]))
+    assert empty["R"].shape == (0, 3, 3) and empty["box"].shape == (0, 4)
+
+
+@given(st.integers(1, 3), st.integers(1, 30), st.integers(1, 30), st.floats(0.5, 3))
+def test_crops_hold_the_box(count, width, height, margin):
+    stack = load([make_view(i, count) for i in range(2)])
+    rows = stack.rows()
+    batch = stack.crops(rows, (width, height), margin=margin)
+    assert batch["rgb"].shape == (len(rows), 3, height, width)
+    assert batch["mask"].shape == (len(rows), height, width)
+    f = batch["K"][:, 0, 0] / 100
+    sides = stack.box[rows, 2:].numpy()
+    expected = np.minimum(width / sides[:, 0], height / sides[:, 1]) / margin
+    assert np.allclose(f, expected, rtol=1e-5)
+    middle = (stack.box[rows, :2] + (stack.box[rows, 2:] - 1) / 2).numpy()
+    at = (middle - K[:2, 2]) * expected[:, None] + batch["K"][:, :2, 2].numpy()
+    assert np.allclose(at, [(width - 1) / 2, (height - 1) / 2], atol=1e-3)
+
+
+def test_boxes_of_a_detector():
+    stack = load([make_view(0)])
+    batch = stack.crops(torch.tensor([0]), (10, 8), margin=1, boxes=torch.tensor([[4, 6, 10, 8]]))
+    image = make_view(0).rgb[6:14, 4:14].transpose(2, 0, 1) / 255
+    assert np.allclose(batch["rgb"][0], image, atol=1e-6)
+
+
+STACK = load([make_view(i, 2) for i in range(3)])
+SEVERAL = [make_view(0), make_view(1, rgb=np.zeros((24, 33, 3), np.uint8), objects=[])]
+KINDS = [make_view(0), make_view(1, rgb=None, ir=np.zeros((24, 32), np.uint8))]
+UNSEEN = load([make_view(0, objects=[ObjectView(object_id=1, R=np.eye(3), t=[0, 0, 1.0])])])
+ROWS = torch.arange(2)
+BAD = [
+    (lambda: batches.load("tabletop"), "dataset"),
+    (lambda: load([]), "dataset"),
+    (lambda: batches.load(Listed([make_view(0)]), depth_step=0), "depth_step"),
+    (lambda: load(SEVERAL), "view 1"),
+    (lambda: load(KINDS), "view 1"),
+    (lambda: load([make_view(0, rgb=None, objects=[])]), "view 0"),
+    (lambda: STACK.frames(torch.tensor([3])), "views"),
+    (lambda: STACK.frames(torch.tensor([-1])), "views"),
+    (lambda: STACK.frames([]), "views"),
+    (lambda: STACK.frames([0.5]), "views"),
+    (lambda: STACK.frames(ROWS, 0), "size"),
+    (lambda: STACK.frames(ROWS, augment=Augmentation()), "generator"),
+    (lambda: STACK.frames(ROWS, augment=0.5), "augment"),
+    (lambda: STACK.crops(torch.tensor([6])), "rows"),
+    (lambda: STACK.crops(ROWS[:, None]), "rows"),
+    (lambda: STACK.crops(ROWS, 128.0), "size"),
+    (lambda: STACK.crops(ROWS, margin=0), "margin"),
+    (lambda: STACK.crops(ROWS, boxes=np.ones((3, 4))), "boxes"),
+    (lambda: STACK.crops(ROWS, boxes=np.full((2, 4), np.nan)), "boxes"),
+    (lambda: STACK.crops(ROWS, boxes=np.zeros((2, 4))), "boxes"),
+    (lambda: STACK.rows(category="mug"), "category"),
+    (lambda: STACK.rows(visible=0.5), "visible"),
+    (lambda: STACK.rows(visible=2), "visible"),
+    (lambda: STACK.rows(object_id="cat"), "object_id"),
+    (lambda: UNSEEN.crops(torch.tensor([0])), "rows"),
+    (
+        lambda: UNSEEN.frames(ROWS[:1], augment=Augmentation(), generator=torch.Generator()),
+        "augment",
+    ),
+]
+
+
+@pytest.mark.parametrize("call, name", BAD)
+def test_bad_input(call, name):
+    with pytest.raises(ValueError, match=f"^{name}"):
+        call()
