@@ -1191,4 +1191,4 @@ except ValueError as error:
 # - Hodaň, Matas and Obdržálek, *On Evaluation of 6D Object Pose Estimation*, 2016: what is wrong
 #   with them.
 #
-# Next, in chapter 2: how such a picture is drawn in the first place.
+# Next, in [chapter 2](02_small_worlds.ipynb): how such a picture is drawn in the first place.

@@ -47,7 +47,7 @@ draw.map_of_the_book()
 # | | page | what you build |
 # |---|---|---|
 # | 1 | [Poses and cameras](01_poses_and_cameras.ipynb) | a pose, a camera, three classical solvers, and every metric of the five papers |
-# | 2 | Three small worlds | a renderer from one triangle on, and the data of all later chapters |
+# | 2 | [Three small worlds](02_small_worlds.ipynb) | a renderer from one triangle on, and the data of all later chapters |
 # | 3 | Infrared to clouds | a point cloud from one infrared image |
 # | 4 | Points to pose | PointNet++, voting, and the pose of AR glasses on a head |
 # | 5 | Learnable rotations | what numbers a network should say for a rotation |
@@ -58,8 +58,9 @@ draw.map_of_the_book()
 # | 10 | The arena | every method on one test |
 #
 # Pages without a link are being written. Each chapter has exercises, and each exercise has a check
-# that answers at once: [those of chapter 1](exercises/01_poses_and_cameras.ipynb), and
-# [their solutions](solutions/01_poses_and_cameras.ipynb).
+# that answers at once: those of chapters [1](exercises/01_poses_and_cameras.ipynb) and
+# [2](exercises/02_small_worlds.ipynb), and their solutions, [1](solutions/01_poses_and_cameras.ipynb)
+# and [2](solutions/02_small_worlds.ipynb).
 #
 # ## How to run it
 #
@@ -146,5 +147,10 @@ ledger_table(all_rows())
 # | **LINEMOD, LM-O** | photographs of small things with measured poses; LM-O is short for Occlusion-LINEMOD, where things hide each other |
 # | **YCB-Video** | videos of 21 things from a shop, with measured poses |
 # | **NOCS** | a data set of kinds of things (category level), and the code that most tables on it were made with |
+# | **HMDPose** | infrared films of drivers with AR glasses, seen by three cameras |
+# | **object coordinates** | for each pixel the point of the object that it shows, in the object's own frame; scaled to a diagonal of 1: a NOCS map |
+# | **z-buffer** | for each pixel the depth of the nearest thing drawn so far |
+# | **visible fraction** | pixels in which an object is seen, over all pixels of its silhouette |
+# | **augmentation** | varying a picture each time that a network sees it, its ground truth with it |
 #
 # Next: [chapter 1, poses and cameras](01_poses_and_cameras.ipynb).
