@@ -10,6 +10,8 @@ FLOORS = {
     "arrays": 0, "rotations": 0, "scale": 0, "files": 0,
     "poses": 1, "cameras": 1, "clouds": 1,
     "metrics": 2, "registration": 2,
+    "nets": 3,
+    "training": 4,
     "figures": 4, "book": 4,
 }  # fmt: skip
 MODULES = sorted(p for name in ("posecore", "data_tools") for p in (ROOT / name).rglob("*.py"))

@@ -3,6 +3,7 @@
 from posecore.figures.clouds3d import point_clouds
 from posecore.figures.curves import accuracy_curves, error_histogram
 from posecore.figures.images import picture, picture_grid, pose_picture
+from posecore.figures.live import training_curves
 from posecore.figures.overlays import draw_axes, draw_box, draw_keypoints, draw_outline
 from posecore.figures.style import Picture
 from posecore.figures.viewer import Viewer
@@ -20,4 +21,5 @@ __all__ = [
     "picture_grid",
     "point_clouds",
     "pose_picture",
+    "training_curves",
 ]
