@@ -24,14 +24,15 @@ page, draw, tour = drawing("02_small_worlds"), drawing("02_rasteriser"), drawing
 page.question()
 
 # %% [markdown]
-# Above: what a method is given. Below: what it should find out, and what nobody can see by eye.
-# Where do pictures come from whose poses are known?
+# Above: what a method is given. Below: what it should find out, and what nobody can read off by
+# eye. (What has no axes is hardly seen, or is only there to be in the way.) Where do pictures come
+# from whose poses are known?
 #
-# Measured ones are dear. Someone glues markers to a table, calibrates cameras, aligns models by
-# hand, and is still off by millimetres. **Drawn** ones are cheap and exact: if we place the object
-# ourselves, we know where it is. So most methods of the field are trained on drawn pictures, in
-# part or altogether. And drawing is the forward direction of this book's question. Who knows how a
-# pose becomes a picture knows what a method has to undo.
+# Measured ones are expensive. Someone glues markers to a table, calibrates cameras, aligns models
+# by hand, and is still off by millimetres. **Drawn** ones are cheap and exact: if we place the
+# object ourselves, we know where it is. So most methods of the field are trained on drawn pictures,
+# in part or altogether. And drawing is the forward direction of this book's question. Who knows how
+# a pose becomes a picture knows what a method has to undo.
 #
 # ## What you will build, and what you need
 #
@@ -48,7 +49,7 @@ page.question()
 #
 # You need chapter 1's pose and pinhole camera, and NumPy. Nothing is trained. The page makes some
 # pictures of each world when it is first run, with a bar that says how many; they are kept for all
-# later chapters.
+# later chapters. How many and how large depends on the scale; section 7 lists them.
 
 # %%
 print("This page runs at scale:", scale())
@@ -56,10 +57,11 @@ print("This page runs at scale:", scale())
 # %% [markdown]
 # ## The idea
 #
-# A picture of a mesh is made in three steps. Each has one formula:
+# A **mesh** is a surface made of triangles: a list of corners, and for each triangle which three of
+# them it joins. A picture of a mesh is made in three steps. Each has one formula:
 #
 # 1. **Project** the three corners of every triangle: chapter 1.
-# 2. **Cover**: find the pixels whose centre lies inside, and for each the distance of the surface.
+# 2. **Cover**: find the pixels whose centre lies inside, and for each the depth of the surface.
 #    The nearest triangle wins.
 # 3. **Shade**: how much light does the surface send to the camera there?
 #
@@ -70,7 +72,7 @@ print("This page runs at scale:", scale())
 # ## 1. One triangle: where does it land?
 #
 # Everything in this book's pictures is made of triangles. So start with one, and with a picture of
-# 12 x 9 pixels. Chapter 1 says where its corners land.
+# 12 x 9 pixels. Chapter 1 says where its corners land. Its pixel $(u, v)$ is called $(x, y)$ here.
 
 # %%
 size = width, height = 12, 9
@@ -91,8 +93,8 @@ draw.landed(corners, X[:, 2], size)
 #
 # $$E_{ab}(p) = (b_y - a_y)(p_x - a_x) - (b_x - a_x)(p_y - a_y). $$
 #
-# It is 0 on the edge and changes evenly across it. (In a textbook whose $y$ points up, the sign is
-# the other one.)
+# It is 0 on the line through $a$ and $b$, and changes evenly across it. (In a textbook whose $y$
+# points up, the sign is the other one.)
 
 
 # %%
@@ -102,6 +104,7 @@ def edge(a, b, p):
 
 
 pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)  # (9, 12, 2)
+# In the order of the corners a, b, c: each has the edge across from it.
 E = np.stack([edge(b, c, pixels), edge(c, a, pixels), edge(a, b, pixels)], axis=-1)
 inside = (E > 0).all(-1)
 
@@ -112,10 +115,11 @@ draw.half_planes(corners, E, inside)
 # Three half planes, and the triangle is what they share. No search, no case distinction: a few
 # products per pixel, the same for all. That is why graphics processors work this way.
 #
-# The numbers say more. $E_{ab}(p)$ is **twice the area** of the triangle $a, b, p$, with a sign.
-# From any $p$ inside, the three small triangles make up the large one. So the three numbers always
-# have the same sum, here 45; and outside too, where areas turn negative. Check a pixel in the
-# figure.
+# The numbers say more. $E_{ab}(p)$ is the cross product of $p - a$ and $b - a$, the area of a
+# parallelogram. So it is **twice the area** of the triangle $a, b, p$, with a sign. From any $p$
+# inside, the three small triangles make up the large one. So the three numbers always have the same
+# sum, here 45; and outside too, where areas turn negative. Check a pixel in the figure. (Other
+# corners have another sum, and the numbers of this section and the next are for these.)
 
 # %%
 double_area = edge(a, b, c)
@@ -127,8 +131,12 @@ assert (E.sum(-1) == double_area).all()
 # Go round the other way, and left becomes right. Meshes make use of that: they list the corners of
 # each triangle **counter-clockwise as seen from outside**. Seen from behind, the same corners run
 # clockwise, the area is negative, and no pixel is left of all three edges. So backs vanish by
-# themselves. A closed object hides its backs anyway, and half of the work is saved. The library
-# does the same; `draw.mesh_of` turns bare corners and triangles into its `Mesh`.
+# themselves. A closed object hides its backs anyway, and half of the work is saved.
+#
+# The library does the same with meshes that are said to be closed. `draw.mesh_of` turns bare
+# corners and triangles into its `Mesh`, and `prepare` computes what is the same in every picture.
+# `render_labels` says for each pixel which object it shows, its `instance`, and which triangle of
+# it, its `face`; -1 is none.
 
 # %%
 from_behind = np.stack([edge(c, b, pixels), edge(b, a, pixels), edge(a, c, pixels)])
@@ -168,8 +176,11 @@ def covered(a, b, c, p):
 
 # %% [markdown]
 # Here is a neighbour, with a fourth corner $d$. Four centres lie on the edge between both, its ends
-# among them. The library must decide as we do. Give it the four corners at $z = 1$ and the camera
-# matrix $K = I$, which puts the point $(x, y, 1)$ at exactly the pixel $(x, y)$.
+# among them. Rings mark the nine with a 0. Two are the first triangle's own, three are the
+# neighbour's, and four are nobody's: they wait for further neighbours, below and to the right.
+#
+# The library must decide as we do. Give it the four corners at $z = 1$ and the camera matrix
+# $K = I$, which puts the point $(x, y, 1)$ at exactly the pixel $(x, y)$.
 
 # %%
 d = np.array([11.0, 0.0])
@@ -182,11 +193,13 @@ library = renderer.render_labels([two], [unmoved], np.eye(3), size)
 assert np.array_equal(library.face, np.where(counts.any(0), counts.argmax(0), -1))
 on_edge = (E == 0).any(-1) & (E >= 0).all(-1)
 assert on_edge.sum() == 3 + 6
+assert [(on_edge & drawn).sum() for drawn in counts] == [2, 3]
 draw.shared_edge([a, b, c, d], counts, on_edge)
 
 # %% [markdown]
-# Now many triangles: 80 random corners on whole pixels, so that many centres lie on edges. Every
-# pixel of the square is drawn exactly once, and the library gives each to the same triangle.
+# Now many triangles: 80 random corners on whole pixels, so that many centres lie on edges.
+# Delaunay's method joins them to triangles without gaps. Every pixel of the square is drawn exactly
+# once, and the library gives each to the same triangle.
 
 # %%
 from scipy.spatial import Delaunay
@@ -195,7 +208,7 @@ rng = np.random.default_rng(0)
 points = np.vstack([[[0, 0], [40, 0], [0, 40], [40, 40]], rng.integers(0, 41, (80, 2))])
 faces = Delaunay(points).simplices
 clockwise = np.array([edge(*points[face]) < 0 for face in faces])
-faces[clockwise] = faces[clockwise][:, ::-1]
+faces[clockwise] = faces[clockwise][:, ::-1]  # now none is seen from behind
 
 square = np.stack(np.meshgrid(np.arange(40), np.arange(40)), axis=-1)
 drawn = np.stack([covered(*points[face], square) for face in faces])  # (triangles, 40, 40)
@@ -231,7 +244,7 @@ draw.barycentric(corners, size)
 
 # %% [markdown]
 # **Play with it.** Choose a pixel with $x$ and $y$, and move the corner $c$. The three tinted areas
-# are the three edge functions. Leave the triangle and one of them turns negative. Pull $c$ across
+# are the three edge functions. Leave the triangle and one or two turn negative. Pull $c$ across
 # the line $ab$ to see the triangle from behind. (Where no kernel runs, on the site or on GitHub,
 # you see the figure's still form.)
 
@@ -245,6 +258,7 @@ _ = interact(draw.edge_functions, x=(0, 11), y=(0, 8), c_x=(0, 11), c_y=(0, 8))
 #
 # The corners of the first triangle are at depths of 1, 2 and 4 m. What is the depth at pixel (5,
 # 4)? That one is in the middle, and has a third of each corner. So is it the mean of the three?
+# Chapter 1's projection tells: the pixel's ray meets the triangle's plane in one point.
 
 # %%
 z = X[:, 2]
@@ -277,9 +291,10 @@ draw.wall_from_above()
 #
 # $$\frac 1z = \sum_i \beta_i \frac 1{z_i}. $$
 #
-# Anything else that is painted on the surface, be it a colour, a normal or a coordinate $s$, is
-# linear in $X$, up to a constant. So $s/z$ is linear in $X/z = K^{-1}(x, y, 1)^\top$ and in $1/z$,
-# and both of these are linear in the pixel. Therefore interpolate $s/z$, and divide by $1/z$:
+# A mesh may state more at its corners, a colour, a normal or a coordinate. Along the surface it is
+# mixed evenly: it is a number $s$ that is linear in $X$, up to a constant. So $s/z$ is linear in
+# $X/z = K^{-1}(x, y, 1)^\top$ and in $1/z$, and both of these are linear in the pixel. Therefore
+# interpolate $s/z$, and divide by $1/z$:
 #
 # $$ s = \frac{\sum_i \beta_i\, s_i / z_i}{\sum_i \beta_i / z_i} = \sum_i w_i s_i, \qquad
 # w_i = \frac{\beta_i / z_i}{\sum_j \beta_j / z_j}. $$
@@ -365,14 +380,14 @@ for k, X in enumerate((one, other)):
     hit, beta = triangle_at(cameras.project(cross_K, X), wide_pixels)
     depths[k][hit] = 1 / (beta[hit] @ (1 / X[:, 2]))
 
-dark, light = depths < np.inf
-light_last = np.where(light, 1, np.where(dark, 0, -1))
-dark_last = np.where(dark, 0, light_last)
+on_dark, on_light = depths < np.inf
+light_last = np.where(on_light, 1, np.where(on_dark, 0, -1))
+dark_last = np.where(on_dark, 0, light_last)
 
 # %% [markdown]
-# Neither order is right. The **z-buffer** asks every pixel instead. It remembers the depth of the
-# nearest thing so far, and lets another thing in only if that is nearer. The order no longer
-# matters.
+# Neither order is right, as the figure below shows. The **z-buffer** asks every pixel instead. It
+# remembers the depth of the nearest thing so far, and lets another thing in only if that is nearer.
+# The order no longer matters.
 
 # %%
 nearest, owner = np.full((64, 160), np.inf), np.full((64, 160), -1)
@@ -393,8 +408,8 @@ draw.who_is_in_front(
 # %% [markdown]
 # ## 3. From triangles to a picture
 #
-# That was all. A mesh is a list of corners and of triangles; draw them one after the other into
-# depth, and remember for each pixel the triangle and the weights. Only the pixels in a triangle's
+# That was all. Draw the triangles of a mesh one after the other into depth, and remember for each
+# pixel the triangle and the weights. Only the pixels in a triangle's
 # box need to be asked.
 
 
@@ -423,7 +438,7 @@ def rasterise(mesh, R, t, K, size):
     depth, face = np.full(size[::-1], np.inf), np.full(size[::-1], -1)
     weights = np.zeros((*size[::-1], 3))
     X = poses.apply(R, t, mesh.vertices)
-    pixels = (X @ K.T)[:, :2] / X[:, 2:]
+    pixels = (X @ K.T)[:, :2] / X[:, 2:]  # `project` refuses what is behind the camera: see below
     for number, abc in enumerate(mesh.faces):
         p, w = fragments(pixels[abc], X[abc, 2], size)
         near = w @ X[abc, 2] < depth[p[:, 1], p[:, 0]]
@@ -488,7 +503,7 @@ library = renderer.render_labels(things[:3], scene.poses[:3], scene.K, scene.siz
 library_seconds = perf_counter() - start
 
 faces = np.stack([face for _, face, _ in drawn])
-face_seen = np.where(instance >= 0, np.take_along_axis(faces, instance[None] % 3, 0)[0], -1)
+face_seen = np.where(instance >= 0, np.take_along_axis(faces, instance[None], 0)[0], -1)
 assert np.array_equal(instance, library.instance) and np.array_equal(face_seen, library.face)
 assert np.array_equal(full, library.full_masks) and np.array_equal(visible, library.visible_masks)
 assert np.allclose(share, library.visible_fraction)
@@ -524,14 +539,15 @@ draw.spread_beam()
 
 # %% [markdown]
 # The beam's width over the spot's is the cosine of the angle $\theta$ between the surface's normal
-# $n$ and the direction $l$ to the lamp. A matt surface scatters what it gets to all sides alike, so
-# that is all there is to say. This is **Lambert's law**. A lamp of power $\Phi$ at the distance $r$
+# $n$ and the direction $l$ to the lamp. A matt surface looks equally bright from all sides, so that
+# is all there is to say. This is **Lambert's law**. A lamp of power $\Phi$ at the distance $r$
 # makes a surface of albedo $\rho$ as bright as
 #
 # $$ L = \rho\, \frac{\Phi}{r^2} \max(0,\; n \cdot l). $$
 #
 # The albedo is the share of the light that the surface returns. And $r^2$? The same light spreads
-# over a sphere, whose surface grows with the square of its radius.
+# over a sphere, whose surface grows with the square of its radius. $\Phi$ is not in watts: it is
+# how bright the lamp makes a white surface that faces it at 1 m. That saves all constants.
 
 
 # %%
@@ -540,7 +556,7 @@ def lambert(point, normal, lamp, albedo=0.5):
     to_lamp = lamp.position - point
     r = np.linalg.norm(to_lamp, axis=-1)
     cosine = (normal * to_lamp).sum(-1) / r
-    return albedo * lamp.power[0] / r**2 * np.maximum(0, cosine)
+    return albedo * lamp.power[0] / r**2 * np.maximum(0, cosine)  # power: of red, green, blue
 
 
 # %% [markdown]
@@ -552,7 +568,7 @@ def lambert(point, normal, lamp, albedo=0.5):
 A, B, C = np.moveaxis(poses.apply(R, t, duck.vertices)[duck.faces], 1, 0)  # each (F, 3)
 n_flat = np.cross(B - A, C - A)[face]
 n_smooth = (w[..., None] * duck.corner_normals[face]).sum(-2) @ R.T
-point = cameras.back_project(np.where(on_duck, depth, 0), scene.close_K)
+point = cameras.back_project(np.where(on_duck, depth, 0), scene.close_K)  # (H, W, 3)
 
 shaded = {}
 for name, n in (("flat", n_flat), ("smooth", n_smooth)):
@@ -564,9 +580,8 @@ print(f"normals differ by {np.median(off):.1e} in the median, {off.max():.1e} at
 draw.flat_and_smooth(shaded, on_duck)
 
 # %% [markdown]
-# The library finds the weights again from the pixel's place, which it knows to seven digits, some
-# 30 nm. On triangles of half a millimetre that is up to a ten-thousandth of their width, and moves
-# the normal by as little.
+# The difference is rounding again: the library finds the weights from the place of the pixel, which
+# it knows to seven digits. On the smallest triangles that shows most.
 #
 # Give the library a duck of matt grey clay and a lamp that throws no shadows, and it paints the
 # same picture.
@@ -585,8 +600,8 @@ assert np.allclose(shaded["smooth"][..., None], of_library, atol=1e-4)
 # %% [markdown]
 # ### What lies behind the camera
 #
-# One thing our rasteriser cannot do. Put the objects on a floor of 8 x 8 square tiles. Some of
-# their corners are behind the camera, where $z < 0$. The division by $z$ throws such a corner to
+# One thing our rasteriser cannot do. Put the objects on a floor of 8 x 8 square tiles. Some of the
+# tiles' corners are behind the camera, where $z < 0$. The division by $z$ throws such a corner to
 # the other side of the image, and the triangle is turned inside out. A wedge of the floor is
 # missing, just where it comes close.
 
@@ -605,7 +620,7 @@ print(f"{100 * missing.mean():.0f} % of the floor's pixels are missing")
 draw.cut_or_not(np.minimum(wrong, nearest), np.minimum(right, nearest))
 
 # %% [markdown]
-# The cure is to cut every triangle at a plane shortly before the camera, and to keep the front
+# The cure is to cut every triangle at a plane just in front of the camera, and to keep the far
 # part: a triangle, or a quadrilateral, which makes two. The library does that at 1 cm. Test it with
 # the plane itself: each pixel's ray meets the floor where we can compute it.
 
@@ -630,7 +645,8 @@ around = renderer.Ambient(up=scene.poses[3][0][:, 2])
 
 
 def paint(objects, lamp, ambient=dark, samples=1):
-    options = {"ambient": ambient, "casters": (0, 1, 2), "samples": samples}
+    options = {"ambient": ambient, "samples": samples}  # samples x samples points of each pixel
+    options["casters"] = 0, 1, 2  # of shadows: all but the floor
     return renderer.render_colour(objects, scene.poses, *camera, [lamp], **options)
 
 
@@ -700,13 +716,11 @@ def infrared(z, size=(150, 160)):
 light.two_distances({z: infrared(z) for z in (0.7, 1.0, 1.4)})
 
 # %% [markdown]
-# A lamp's light spreads over a sphere, and the sphere's surface grows with the square of its
-# radius. So a small patch of a matt surface gets
+# Why so dark? It is the $r^2$ of section 3. The whole formula holds,
 #
 # $$L = \rho\, \frac{\Phi}{r^2} \max(0,\; n \cdot l),$$
 #
-# as in section 3, but with the albedo $\rho$ of infrared light. Try it on a matt wall that leans to
-# the side.
+# with the albedo $\rho$ of infrared light. Try it on a matt wall that leans to the side.
 
 # %%
 wall = [light.wall(infrared=0.6, lean=np.radians(30))]
@@ -742,13 +756,14 @@ assert abs(slope + 2) < 0.1
 light.brightness(np.array(r), np.array(measured), slope)
 
 # %% [markdown]
-# Not exactly, as the lamp stands a little aside. Still, this is worth a lot to a method: what is
-# near is bright, what is far is dark, so brightness alone says much about where the head is.
-# Chapter 3 begins with it.
+# Not exactly, as skin shines a little, and the lamp stands a little aside. Still, this is worth a
+# lot to a method: what is near is bright, what is far is dark, so brightness alone says much about
+# where the head is. Chapter 3 begins with it.
 #
-# Infrared also sees other things than we do. Dyes and pigments are made for our eyes, and many are
-# bright in infrared. The mug's stripes are gone. Skins differ in colour and hardly in infrared.
-# Lenses swallow infrared, except where one mirrors the lamp into the camera: **glare**.
+# Infrared also shows things that we see in another way. Dyes and pigments are made for our eyes,
+# and many are bright in infrared. The mug's stripes are gone. Skins differ in colour and hardly in
+# infrared. Dark lenses stay dark here, and clear ones clear. But each may mirror the lamp into the
+# camera: **glare**.
 
 # %%
 R = rotations.euler_to_matrix(np.radians([-22.0, 6.0, 0.0]), "YXZ")
@@ -765,12 +780,12 @@ pairs["stripes on a mug"] = light.in_both_lights([mug], R @ upright)
 light.same_things(pairs)
 
 # %%
-pale, dark = skins["pale skin"], skins["dark skin"]
+pale, brown = skins["pale skin"], skins["dark skin"]
 glaze = next(material for material in mug.materials if material.pattern == "petals")
 
-assert np.mean(pale.colour) > 4 * np.mean(dark.colour)
-assert 0.7 < pale.infrared / dark.infrared < 1.4
-assert np.mean(glaze.second) > 4 * np.mean(glaze.colour)
+assert np.mean(pale.colour) > 4 * np.mean(brown.colour)
+assert 0.7 < pale.infrared / brown.infrared < 1.4
+assert np.mean(glaze.second) > 4 * np.mean(glaze.colour)  # one stripe is bright, the next dark
 assert glaze.second_infrared is None  # one infrared albedo for both colours
 
 # %% [markdown]
@@ -780,8 +795,10 @@ assert glaze.second_infrared is None  # one infrared albedo for both colours
 # ### Structured light: depth from a shift
 #
 # A **structured-light** camera has a projector beside it, $b$ metres to its right, which throws a
-# pattern of dots. In the image each dot is shifted by its **disparity**, $d$ pixels: the nearer the
-# surface, the more. The triangle is that of the pinhole camera:
+# pattern of dots. A dot that falls on the point $(X, z)$ is seen in column $f X / z$, counted from
+# the optical axis. The projector is a camera the other way round. It sent that dot out in its own
+# column $f (X - b) / z$, and the pattern around a dot tells which one it is. So both columns are
+# known. Their difference, the **disparity** $d$ in pixels, grows the nearer the surface is:
 #
 # $$d = \frac{f\, b}{z}, \qquad z = \frac{f\, b}{d} .$$
 
@@ -789,14 +806,16 @@ assert glaze.second_infrared is None  # one infrared albedo for both colours
 light.why_shadows(f=570, baseline=0.075)
 
 # %% [markdown]
-# The camera measures $d$ with some noise, and can only tell steps of it apart. It then divides. A
+# The camera measures $d$ with some noise, and in steps of a certain width. It then divides. A
 # small error $\delta$ of $d$ makes an error of $z$ that is, to first order,
 #
-# $$\left|\frac{dz}{dd}\right| \delta = \frac{f b}{d^2}\, \delta = \frac{z^2}{f b}\, \delta .$$
+# $$\left|\frac{\mathrm{d} z}{\mathrm{d} d}\right| \delta
+# = \frac{f b}{d^2}\, \delta = \frac{z^2}{f b}\, \delta .$$
 #
 # So **the noise of depth grows with the square of the distance**. Noise of standard deviation
-# $\sigma$ and steps of width $s$ together give $\delta = \sqrt{\sigma^2 + s^2 / 12}$: numbers
-# spread evenly over a step have variance $s^2 / 12$.
+# $\sigma$ and steps of width $s$ together give $\delta = \sqrt{\sigma^2 + s^2 / 12}$: variances add
+# up, and where many steps occur, rounding errors are spread evenly over one, with variance
+# $s^2 / 12$.
 
 # %%
 f, b, sigma, s = 570.0, 0.075, 0.08, 0.125  # pixels, metres, pixels, pixels
@@ -811,6 +830,7 @@ def noisy_by_hand(z):
 
 distances, sd = np.linspace(0.5, 4, 8), {"library": [], "by hand": []}
 for distance in distances:
+    # A slanted wall, so that no step of d is hit more often than another; none of it too dark.
     slanted = np.broadcast_to(distance * np.linspace(0.97, 1.03, 320), (240, 320))
     by_camera = sensors.depth_sensor(slanted, K, rng, baseline=b, faintest=0)
     assert (by_camera > 0).all()
@@ -844,9 +864,10 @@ print(f"{100 * np.mean(measured == 0):.0f} % of the pixels have no depth")
 # %% [markdown]
 # Four things can go wrong, and each is a line or two of code. Little light comes **back** from
 # surfaces that are dark, far or grazing. A shiny surface that faces the camera **mirrors** the
-# projector into its eye. At an **edge** a window of the pattern lies on two surfaces. And where
+# projector into its eye. At an **edge** the pattern around a dot lies on two surfaces. And where
 # something nearer stands before the projector, there is **shadow**: the yellow strip of the drawing
-# above. The library's thresholds vary a little from pixel to pixel; ours are generous.
+# above. The library's thresholds vary a little from pixel to pixel. Ours are generous: they also
+# name pixels that did get a depth.
 
 
 # %%
@@ -858,7 +879,7 @@ def in_shadow(d):
     shadow = np.zeros(d.shape, bool)
     for row, here in zip(shadow, d, strict=True):
         column = np.round(np.arange(len(here)) - here)
-        for x in range(len(here)):
+        for x in range(len(here)):  # the nearer has the larger disparity
             row[x] = (here[column == column[x]] - here[x] > 1).any()
     return shadow
 
@@ -877,8 +898,10 @@ for number, test in reversed(list(enumerate(tests))):
     reasons[(measured == 0) & test] = number
 
 holes = measured == 0
-assert holes[tests[0]].all()  # the shadow is always a hole, the others mostly
-print(f"explained: {100 * (reasons[holes] >= 0).mean():.1f} % of the holes")
+named = np.logical_or.reduce(tests)
+assert holes[tests[0]].all() and holes[named].mean() > 0.5  # shadow always, the others often
+print(f"explained: {100 * (reasons[holes] >= 0).mean():.1f} % of the holes; ", end="")
+print(f"{100 * holes[named].mean():.0f} % of the pixels that we name are holes")
 assert (reasons[holes] >= 0).mean() > 0.95
 light.depth_and_holes(z, measured, reasons, names)
 
@@ -906,11 +929,11 @@ photographs = {
     for exposure in (0.3, 1.2, 5)
 }
 
-levels = np.linspace(0.05, 0.8, 6)
-for level in levels:
+shot, read = 0.02, 0.004
+for level in np.linspace(0.05, 0.8, 6):
     grey = np.full((200, 200, 3), level)
-    patch = sensors.rgb_sensor(grey, rng, shot_noise=0.02, read_noise=0.004, blur=0)
-    by_formula = np.sqrt(0.02**2 * level + 0.004**2)
+    patch = sensors.rgb_sensor(grey, rng, shot_noise=shot, read_noise=read, blur=0)
+    by_formula = np.sqrt(shot**2 * level + read**2)
     assert np.isclose(sensors.srgb_to_linear(patch / 255).std(), by_formula, rtol=0.05)
 light.exposures(photographs)
 
@@ -938,14 +961,15 @@ tour.three_cameras([left, centre, right], headset.CAMERAS)
 # (The pictures of this tour are drawn brighter than they are, without their noise and in few
 # colours, to keep the page small.)
 #
-# Three pictures, three poses, but one pair of glasses. Each view knows the pose of its camera in
-# the car, so each can say where the glasses are in the car, and all must agree:
+# Three pictures, three poses, but one pair of glasses. (Left is the cameras' left, which is the
+# driver's right.) Each view knows the pose of its camera in the car, so each can say where the
+# glasses are in the car, and all must agree:
 #
 # $$R_\text{car} = R_\text{car,cam}\, R_\text{cam,obj}, \qquad
 # t_\text{car} = R_\text{car,cam}\, t_\text{cam,obj} + t_\text{car,cam} .$$
 
 # %%
-in_car = []
+in_car = []  # the world is the car; T_world_cam (4, 4) holds R and, in its last column, t
 for view in (left, centre, right):
     glasses = view.objects[0]
     R_car_cam, t_car_cam = view.T_world_cam[:3, :3], view.T_world_cam[:3, 3]
@@ -1056,8 +1080,9 @@ for axis, name in enumerate(("yaw", "pitch", "roll")):
         assert bmae(errors, true) > 2 * mae(errors)
 
 # %% [markdown]
-# By MAE the lazy method looks respectable. By BMAE it is exposed, since every bin of the true angle
-# counts the same. That is why chapters 3 and 4 report both.
+# By MAE the lazy method looks almost respectable, in roll above all. By BMAE it is exposed: every
+# bin of the true angle counts the same, and all three numbers more than double. That is why
+# chapters 3 and 4 report both.
 #
 # But look at the numbers of pictures. The last bins hold a handful, and each weighs as much as the
 # first. So how much of a BMAE is luck? Take a method whose yaw is wrong by a random 5 degrees or
@@ -1078,8 +1103,8 @@ if scale() == "book":
     assert strays["BMAE"] > 1.5 * strays["MAE"]
 
 # %% [markdown]
-# BMAE strays more, with the same method and the same pictures. A difference between two methods
-# that is no larger says nothing.
+# BMAE strays more, with the same method and the same pictures. A difference of that size between
+# two methods may be luck.
 
 # %% [markdown]
 # ### Why the split is by person
@@ -1121,8 +1146,9 @@ for object_id in symmetric:
 tour.eight_objects(notes)
 
 # %% [markdown]
-# The can is a trap. Its shape is round, but its label tells the turns apart. It has no symmetry,
-# and a method that sees only depth cannot know how it is turned.
+# The can is a trap. Its shape is round, but its label tells the turns apart. (What is printed on
+# chapter 1's can repeats all round.) It has no symmetry, and a method that sees only depth cannot
+# know how it is turned.
 #
 # Training pictures come in three kinds, in turns. **Single**: one object before a random, busy
 # background. **Fused**: several objects, anywhere. **Table**: a real scene. The first two are cheap
@@ -1146,6 +1172,8 @@ tour.tables(kinds, {})
 easy = list(data_tools.open("tabletop", split="easy"))
 occluded = list(data_tools.open("tabletop", split="occluded"))
 
+assert {len(view.objects) for view in easy} <= {3, 4, 5}
+assert {len(view.objects) for view in occluded} <= {6, 7, 8}
 size_of = {object_id: models.info(object_id).size for object_id in models.ids}
 for object_id in models.ids:  # the origin is the middle of the box
     vertices = models.mesh(object_id).vertices
@@ -1155,8 +1183,8 @@ tour.tables({"test: easy": easy[3], "test: occluded": occluded[9]}, size_of)
 # %% [markdown]
 # ### How much of it is seen?
 #
-# Occlusion is measured with two masks. The **visible mask** are the pixels in which the object is
-# seen. The **full mask** are the pixels it would cover if nothing stood before it. Their ratio is
+# Occlusion is measured with the two masks of section 3. The visible mask is where the object is
+# seen, the full mask what it would cover if nothing stood before it. The ratio of their pixels is
 # the **visible fraction**. BOP calls it `visib_fract`, and its tests ask only for objects of at
 # least a tenth.
 #
@@ -1166,7 +1194,7 @@ tour.tables({"test: easy": easy[3], "test: occluded": occluded[9]}, size_of)
 # One detail is easily missed: the silhouette goes on **outside the image**. An object of which half
 # is beyond the border is at most half visible. So the denominator needs a larger image: draw the
 # object alone, in an image with a border as wide and as high as the image itself on every side, as
-# BOP does. To crop at negative pixels makes room.
+# BOP does. A crop that begins at negative pixels makes that room.
 
 # %%
 view = train[6]  # one of the fused pictures
@@ -1182,12 +1210,12 @@ full = labels.instance == 0
 by_hand = item.mask.sum() / full.sum()
 
 assert np.isclose(by_hand, item.visible_fraction)
-assert item.mask.sum() / item.full_mask.sum() > by_hand + 0.3  # the image alone would say so
+assert item.mask.sum() == item.full_mask.sum() and by_hand < 0.7
 tour.outside_the_image(view, index, full, by_hand)
 
 # %% [markdown]
 # Inside the image nothing stands before it. Without what is beyond the border, its visible fraction
-# would be close to one.
+# would be 1.
 #
 # How much is hidden decides how hard a test is. Compare the two.
 
@@ -1231,7 +1259,8 @@ counts.viewpoints(directions)
 # few stand on their heads: those are the rare views. A method that was trained with the first
 # sixteen pictures would have to guess most of the map; the training split has many more.
 #
-# The table's height says the same in one number for each picture, the **elevation** of the camera.
+# One number for each picture says much of that: the **elevation** of the camera, the angle by which
+# it looks down on the table.
 
 # %%
 elevation = {}
@@ -1303,8 +1332,8 @@ print({name: f"{len(ids)} instances" for name, ids in used.items()})
 # There is no model to match an unseen mug with. But all mugs can share one frame: the origin in the
 # middle of the bounding box, y up, the handle along x. Then a network can say, for each pixel,
 # **where on the object** it lies. Scale the box to a diagonal of 1 and put its middle at 1/2, and
-# these **object coordinates** are three numbers from 0 to 1. Draw them as red, green and blue. The
-# field calls it a NOCS map, for normalised object coordinate space (Wang et al., 2019).
+# section 3's object coordinates become three numbers from 0 to 1. Draw them as red, green and
+# blue. The field calls that a NOCS map, for normalised object coordinate space (Wang et al., 2019).
 
 # %%
 shown = [synthetic[i] for i in (23, 11, 14)]
@@ -1340,7 +1369,7 @@ for view in synthetic[:12] + shifted[:12]:
     pixels = cameras.project(view.K, poses.apply(item.R, item.t, X_obj[item.mask]))
     rows, columns = np.nonzero(item.mask)
     off.append(np.abs(pixels - np.stack([columns, rows], axis=1)).max())
-    mesh = shapes.make_category(item.category, item.object_id % 1000)
+    mesh = shapes.make_category(item.category, item.object_id % 1000)  # its number in the category
     pose = [(item.R, item.t)]
     drawn = renderer.render_labels([renderer.prepare(mesh)], pose, view.K, view.shape[::-1])
     apart.append(np.abs(drawn.coordinates - X_obj)[item.mask].max())
@@ -1391,8 +1420,8 @@ order = np.argsort(-shares)
 chosen = order[[0, len(order) // 2, -1]]
 hidden = int((shares == 0).sum())
 
-assert all(len(view.objects[0].symmetries) == 1 for view in all_mugs)
-print(f"{hidden} of {len(all_mugs)} mugs that nothing stands before hide their handle")
+assert all(len(view.objects[0].symmetries) == 1 for view in all_mugs)  # to stay as it is
+print(f"{hidden} of {len(all_mugs)} mugs that hardly anything stands before hide their handle")
 gallery.mugs([all_mugs[i] for i in chosen], shares[chosen])
 
 # %% [markdown]
@@ -1428,9 +1457,9 @@ for dataset, module, split in ((test, headset, "test"), (easy, tabletop, "easy")
 #
 # | world | stands in for | what varies | what is hard | what it does not have |
 # |---|---|---|---|---|
-# | headset | HMDPose | driver, glasses, pose, seat, daylight | rare poses, unseen drivers, glare | motion blur, hands, faces that move, strands of hair, many drivers |
-# | tabletop | LINEMOD, LM-O, YCB-Video | objects, poses, table, light, exposure | occlusion, symmetry, holes in depth | video, photographs to train with, transparent things, lens distortion |
-# | categories | CAMERA25, REAL275 | instance, size, floor, light, noise | unseen shapes, hidden handles, the shift | real pictures, clutter of unknown kinds, things held in hands, transparent things |
+# | headset | HMDPose, the infrared paper's data | driver, glasses, pose, seat, daylight | rare poses, unseen drivers, glare | motion blur, hands, faces that move, strands of hair, many drivers |
+# | tabletop | LINEMOD, Occlusion-LINEMOD (LM-O), YCB-Video | objects, poses, table, light, exposure | occlusion, symmetry, holes in depth | video, photographs to train with, transparent things, lens distortion |
+# | categories | CAMERA25, REAL275, the data of NOCS | instance, size, floor, light, noise | unseen shapes, hidden handles, the shift | real pictures, clutter of unknown kinds, things held in hands, transparent things |
 #
 # All three are drawn. Their ground truth is exact, which no photographed data set can say, and
 # their pictures are simpler than photographs, which every number in this book inherits. A method
@@ -1441,17 +1470,19 @@ for dataset, module, split in ((test, headset, "test"), (easy, tabletop, "easy")
 # ## 8. One picture, many training pictures
 #
 # A network that sees the same 2000 pictures again and again learns them by heart. So training
-# **augments** them: at each look a picture is cut out elsewhere, turned, recoloured, hidden in part.
-# That is cheap, and dangerous: whatever moves pixels moves the ground truth.
+# **augments** them: at each look a picture is cut out elsewhere, turned, recoloured, hidden in
+# part. That is cheap, and dangerous: whatever moves pixels moves the ground truth.
 #
-# Turn the picture by $\alpha$. It is what a camera sees that is turned about its optical axis, and
-# that is a rotation of everything else in front of it. Cut out a part of it and enlarge that, and
-# only the camera matrix changes: the pixel $(u, v)$ moves to $(a u + b, a v + c)$.
+# Turn the picture by $\alpha$ about the optical axis. A camera sees that if everything in front of
+# it turns about this axis, or if it turns itself, the other way. Cut out a part of the picture and
+# enlarge that, and only the camera matrix changes: with a zoom $k$ and a shift $m$, the pixel
+# $(x, y)$ moves to $(k x + m_x, k y + m_y)$.
 #
 # $$R' = R_z(\alpha)\, R, \qquad t' = R_z(\alpha)\, t, \qquad
-# K' = \begin{pmatrix} a & 0 & b \\ 0 & a & c \\ 0 & 0 & 1 \end{pmatrix} K .$$
+# K' = \begin{pmatrix} k & 0 & m_x \\ 0 & k & m_y \\ 0 & 0 & 1 \end{pmatrix} K .$$
 #
-# Both at once move a pixel by one map, so the picture is resampled only once. Take a teapot.
+# Both at once move a pixel by one map, so the picture is resampled only once. Take a teapot, and
+# section 5's turn of 30 degrees.
 
 # %%
 index = next(i for i, view in enumerate(easy) if 5 in [item.object_id for item in view.objects])
@@ -1464,14 +1495,14 @@ R_new, t_new = Rz(turn) @ item.R, Rz(turn) @ item.t
 cut = np.array([[2.0, 0, -300], [0, 2.0, -200], [0, 0, 1]])
 after = cameras.project(cut @ view.K, poses.apply(R_new, t_new, X_obj))
 
-one_map = cut @ view.K @ Rz(turn) @ np.linalg.inv(view.K)  # of pixels (u, v, 1), up to scale
+one_map = cut @ view.K @ Rz(turn) @ np.linalg.inv(view.K)  # of pixels (x, y, 1), up to scale
 moved = np.column_stack([before, np.ones(len(before))]) @ one_map.T
 assert np.allclose(moved[:, :2] / moved[:, 2:], after)
 
 # %% [markdown]
 # `data_tools.batches` does it for whole batches. It holds a split as tensors, and cuts out what it
-# is asked for. The first crop below is as it was; the three others show the same teapot as a network may
-# get it. Axes: the pose that goes with each.
+# is asked for. The first crop below is as it was; the three others show the same teapot as a
+# network may get it. Axes: the pose that goes with each.
 
 # %%
 import torch
@@ -1487,7 +1518,9 @@ page.augmented([plain, varied])
 
 # %% [markdown]
 # Is the ground truth still right? Draw the teapot alone with the new pose and the new camera. Its
-# silhouette must hold all of the mask. The mask was resampled, so its border may be a pixel off.
+# silhouette must hold all of the mask. The mask was resampled, so its border may be off by a pixel
+# of the old picture, which is several in the crop. And of every object an occluder leaves a good
+# part.
 
 # %%
 from scipy.ndimage import binary_dilation
@@ -1496,9 +1529,10 @@ teapot = renderer.prepare(models.mesh(5))
 for K, R, t, mask in zip(*(varied[key] for key in ("K", "R", "t", "mask")), strict=True):
     R = rotations.special_procrustes(R.double())  # to the last digit, after float32
     drawn = renderer.render_labels([teapot], [(R.numpy(), t.numpy())], K.numpy(), (128, 128))
-    silhouette = binary_dilation(drawn.instance == 0, iterations=3)
-    assert silhouette[mask[0].numpy() > 0].all()
-    assert mask.sum() > 0
+    mask, silhouette = mask.numpy() > 0, drawn.instance == 0
+    one_pixel = int(np.ceil(K[0, 0].item() / view.K[0, 0]))
+    assert binary_dilation(silhouette, np.ones((3, 3)), one_pixel)[mask].all()
+    assert mask.sum() > 0.3 * silhouette.sum()
 print(len(varied["mask"]), "crops, each with its own K, R, t, mask and depth")
 
 # %% [markdown]
@@ -1510,7 +1544,7 @@ print(len(varied["mask"]), "crops, each with its own K, R, t, mask and depth")
 #
 # The field has a common format: that of the **BOP** benchmark, in which LINEMOD, LM-O, YCB-Video
 # and a dozen others are published. Methods written for one of them run on any, so on our worlds
-# too. Write a few pictures of `tabletop` in it.
+# too. Write a few pictures of `tabletop` in it. Of the many files of a kind, one is listed.
 
 # %%
 from pathlib import Path
@@ -1533,8 +1567,9 @@ for path in sorted(folder.rglob("*")):
 
 # %% [markdown]
 # A split (`test`) has scenes (`000003`), and a scene has images by number. Beside the images stand
-# three JSON files: the cameras, the poses, and what can be counted of each object. Here is the
-# first object of the first image. Lengths are **millimetres**, and matrices are written row by row.
+# three JSON files: the cameras, the poses, and what can be counted of each object. A mask's name
+# has two numbers: the image's, and the object's place in the list of poses. Here is the first
+# object of the first image. Lengths are **millimetres**, and matrices are written row by row.
 
 # %%
 import json
@@ -1561,7 +1596,8 @@ assert np.isclose(counted["visib_fract"], item.visible_fraction)
 
 # %% [markdown]
 # Depth is a 16-bit picture. One of its steps is `depth_scale` millimetres, here a tenth: the most
-# that fits is 6.5 m, and rounding costs at most 0.05 mm.
+# that fits is 6.5 m, and rounding costs at most 0.05 mm. (Here nothing: our worlds are stored in
+# these steps already.)
 
 # %%
 import cv2
@@ -1572,7 +1608,9 @@ metres = steps * camera["depth_scale"] / 1000
 
 assert np.allclose(np.reshape(camera["cam_K"], (3, 3)), written[0].K)
 assert np.allclose(metres, written[0].depth, atol=1e-6)
+fits = (2**16 - 1) * camera["depth_scale"] / 1000
 print(f"{steps.dtype}, one step is {camera['depth_scale']} mm, largest depth {metres.max():.2f} m")
+print(f"up to {fits:.2f} m would fit")
 
 # %% [markdown]
 # Everything at once, with the reader that opens LINEMOD or YCB-Video just the same. This is the
@@ -1612,7 +1650,8 @@ home.cleanup()
 # nearly the same. After shuffling, nearly every test picture has its neighbours in the training
 # set. What does a test then test?
 #
-# Make films of four drivers at 15 pictures a second, and try the simplest method there is. It
+# Make films of four drivers at 15 pictures a second. Two kinds of glasses are worn by two drivers
+# each, so that a new driver does not wear new glasses. Then try the simplest method there is. It
 # **remembers**: it looks for the most similar training picture, pixel by pixel, and answers with
 # that one's pose. It knows nothing of heads.
 
@@ -1621,7 +1660,7 @@ home.cleanup()
 from data_tools.worlds.films import film
 
 rng = np.random.default_rng(4)
-shots = [film(driver, 1 + driver, 48, rng, rate=15) for driver in range(4)]
+shots = [film(driver, 1 + driver % 2, 48, rng, rate=15) for driver in range(4)]
 images = np.concatenate([images for images, _ in shots])
 R_true = np.concatenate([R for _, R in shots])
 who = np.repeat(np.arange(4), 48)
@@ -1635,28 +1674,38 @@ def remember(test, train):
     return np.degrees(metrics.rotation_error(answers, R_true[test]))
 
 
+def at_best(test, train):
+    """The same for the training picture of the most similar pose, which nobody can know."""
+    apart = metrics.rotation_error(R_true[test][:, None], R_true[train])  # (tests, trainings)
+    return np.degrees(apart.min(axis=1))
+
+
 # %% [markdown]
 # Once split as the paper says, only with more tests, and once **by driver**: three drivers for
-# training, the fourth for testing, in turns.
+# training, the fourth for testing, in turns. Films are short, and each driver looks elsewhere. So
+# measure as well how near a memory could come at best.
 
 # %%
 shuffled = rng.permutation(len(who))
-by_driver = [remember(np.flatnonzero(who == d), np.flatnonzero(who != d)) for d in range(4)]
-errors = {
-    "shuffled frames": remember(shuffled[:48], shuffled[48:]),
-    "new drivers": np.concatenate(by_driver),
+splits = {
+    "shuffled frames": [(shuffled[:48], shuffled[48:])],
+    "new drivers": [(np.flatnonzero(who == d), np.flatnonzero(who != d)) for d in range(4)],
 }
-
-for name, values in errors.items():
-    print(f"{name}: {values.mean():.1f} degrees on average")
+errors = {}
+for name, pairs in splits.items():
+    errors[name] = np.concatenate([remember(*pair) for pair in pairs])
+    best = np.concatenate([at_best(*pair) for pair in pairs])
+    print(f"{name}: {errors[name].mean():.1f} degrees on average, {best.mean():.1f} at best")
 assert 2 * errors["shuffled frames"].mean() < errors["new drivers"].mean()
 page.films(images, who, errors, every=10)
 
 # %% [markdown]
 # A method that only remembers looks excellent on shuffled frames, and fails on a driver whom it has
-# not seen. That says nothing against the paper's method, but its test cannot tell it from this one.
-# Our worlds are split by driver and by instance, and section 5 asserted it. The ledger has the same
-# with twelve drivers, 1440 pictures and five seeds, with the paper's 3 % for testing:
+# not seen: a part of that for want of a similar pose, the rest because the picture it takes for
+# similar is not. That says nothing against the paper's method, but its test cannot tell it from
+# this one. Our worlds are split by driver and by instance, as sections 5 and 7 assert. The book's
+# ledger of claims has the same with twelve drivers, 1440 pictures and five seeds, with the paper's
+# 3 % for testing:
 
 # %%
 from posecore.book.claims import ledger_table
@@ -1670,12 +1719,12 @@ ledger_table(all_rows().get("02_small_worlds", []))
 # > The same section scales all pictures to a quarter, from 1280 x 752 to 320 x 188. What became of
 # > the camera matrix it does not say.
 #
-# All of $K$ times a quarter? Then the border of the picture would be a pixel's centre. By chapter
-# 1's rule it is $c_x + 0.5$ that is quartered. At the distance of a driver the two readings differ
-# by:
+# All of $K$ times a quarter? That is right only where pixels are counted from the picture's corner.
+# Counted from the first centre, by chapter 1's rule, it is $c_x + 0.5$ that is quartered. At the
+# distance of a driver the two readings differ by:
 
 # %%
-wide, half_pixel = 1280, 0.5
+wide = 1280
 K_full = np.array([[1.17 * wide, 0, 639.5], [0, 1.17 * wide, 375.5], [0, 0, 1]])  # as in `headset`
 K_right = cameras.resize_intrinsics(K_full, (1280, 752), (320, 188))
 cx_naive = K_full[0, 2] / 4
@@ -1693,7 +1742,7 @@ print(f"{off} px are {1000 * shift:.2f} mm at {distance} m")
 #
 # ## Exercises
 #
-# Functions to write yourself, each with a check that answers in one line, and hints:
+# Seven functions to write yourself, each with a check that answers in one line, and hints:
 # [the exercises](exercises/02_small_worlds.ipynb). Get your own copy, which no update touches, with
 #
 # ```
@@ -1710,16 +1759,17 @@ print(f"{off} px are {1000 * shift:.2f} mm at {distance} m")
 # - What a sensor adds is part of the world: light that falls with the square of the distance, depth
 #   whose noise grows with it, holes.
 # - Poses are never evenly spread. Know the distribution before you believe an average.
-# - Occlusion is visible pixels over all pixels of the silhouette, those outside the image included.
-# - Split by what must generalise: drivers, instances. Never by shuffled frames.
+# - The visible fraction is visible pixels over all pixels of the silhouette, those outside the
+#   image included.
+# - Split by what will be new in use: drivers, instances. Never by shuffled frames.
 #
 # ## Further reading
 #
 # - Pineda, *A Parallel Algorithm for Polygon Rasterization*, 1988: the edge function.
 # - Hodaň et al., [*BOP: Benchmark for 6D Object Pose Estimation*](https://bop.felk.cvut.cz), 2018:
 #   the format, and what it takes to compare methods.
-# - Khoshelham and Elberink, *Accuracy and Resolution of Kinect Depth Data*, 2012: where depth noise
-#   comes from.
+# - Khoshelham and Oude Elberink, *Accuracy and Resolution of Kinect Depth Data*, 2012: where depth
+#   noise comes from.
 # - Wang et al., *Normalized Object Coordinate Space for Category-Level 6D Object Pose and Size
 #   Estimation*, 2019: CAMERA25 and REAL275, for which `categories` stands in.
 #

@@ -91,8 +91,8 @@ check_interpolate = Exercise(
     hints=(
         "Along the image it is value / z that changes evenly, and 1 / z, too. Interpolate both "
         "with the weights, and divide.",
-        "s = weights / depths has a column for each corner. Let each row sum to 1: "
-        "s / s.sum(1, keepdims=True). These are the weights on the triangle in space, and @ values "
+        "w = weights / depths has a column for each corner. Let each row sum to 1: "
+        "w / w.sum(1, keepdims=True). These are the weights on the triangle in space, and @ values "
         "does the rest.",
     ),
     tolerance=1e-9,
@@ -290,9 +290,9 @@ check_turn_picture = Exercise(
     turn_picture,
     _pictures_to_turn,
     hints=(
-        "Turn the camera and not the pixels: with the turn Z about the optical axis, a point X of "
+        "Turn the points and not the pixels: with the turn Z about the optical axis, a point X of "
         "the camera's frame becomes Z X. So both R and t get Z from the left.",
-        "A pixel p = (u, v, 1) belongs to the ray inv(K) p. Turn the ray and project it again: "
+        "A pixel p = (x, y, 1) belongs to the ray inv(K) p. Turn the ray and project it again: "
         "A = K @ Z @ np.linalg.inv(K), with Z = [[c, -s, 0], [s, c, 0], [0, 0, 1]].",
     ),
     tolerance=1e-9,

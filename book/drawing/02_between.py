@@ -61,8 +61,8 @@ def two_depths(
         9.0,
         3.7,
         "The triangle twice, with a depth in metres in each of its pixels. Left, the depths of the "
-        "corners mixed linearly in the image; right, the true depths. They agree near the corners; "
-        f"all others are too large on the left, by up to {worst:.0f} mm.",
+        "corners mixed linearly in the image; right, the true depths. "
+        f"All are larger on the left, by up to {worst:.0f} mm.",
         "",
     )
     limits = true[inside].min(), linear[inside].max()

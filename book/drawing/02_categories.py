@@ -21,12 +21,12 @@ def strip(rows: Mapping[str, Sequence[View]]) -> Picture:
     """Rows of instances, each row by its name; in the same order of categories."""
     views = [view for row in rows.values() for view in row]
     names = [view.objects[0].category for view in views[: len(views) // len(rows)]]
-    titles = names + [name for name in list(rows)[1:] for _ in names]
+    titles = [f"{row}\n{name}" for row in rows for name in names]
     alt = f"Crops around a {', a '.join(names)}, in {len(rows)} rows of unlike instances: "
     alt += ", ".join(rows) + ". The shifted ones are in harsher light, and grainier."
     # Small copies: a page holds many pictures.
     images = [cv2.resize(view.rgb, None, fx=0.6, fy=0.6, interpolation=3) for view in views]
-    return picture_grid(quiet(images, 60), titles, columns=len(names), width=6.6, alt=alt)
+    return picture_grid(quiet(images, 48), titles, columns=len(names), width=6.2, alt=alt)
 
 
 def coordinates(pairs: Sequence[tuple[View, np.ndarray]]) -> Picture:
@@ -85,6 +85,6 @@ def mugs(views: Sequence[View], shares: Sequence[float]) -> Picture:
     )
     for axes, view in zip(figure.axes, views, strict=True):
         item = view.objects[0]
-        draw_axes(axes, view.K, item.R, item.t, 0.6 * item.size.max())
+        draw_axes(axes, view.K, item.R, item.t, 0.5 * item.size.max())
         thin(axes, 2)
     return figure

@@ -36,8 +36,8 @@ __all__ = [
 ]
 
 RIM = (withStroke(linewidth=2.8, foreground="white"),)
-MEASURED = "#d9d4c7"
-REASONS = ("#000000", "#0072B2", "#D55E00", "#F0E442")  # from dark to bright, for a grey print
+MEASURED = "#ffffff"
+REASONS = ("#000000", "#0072B2", "#D55E00", "#F0B85B")  # from dark to bright, for a grey print
 
 Pose = tuple[np.ndarray, np.ndarray]
 
@@ -114,7 +114,7 @@ def brightness(z: np.ndarray, measured: np.ndarray, slope: float) -> Picture:
     ticks = [t for t in (0.4, 0.6, 0.8, 1.2, 1.6) if z[0] <= t <= z[-1]]
     axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
     axes.set_xticks([], minor=True)
-    axes.set(xlabel="distance of the forehead, m", ylabel="brightness (linear)")
+    axes.set(xlabel="distance of the forehead, m", ylabel="brightness")
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=9)
     return figure
@@ -139,8 +139,8 @@ def same_things(pairs: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Picture:
     alt = (
         "Above, in colour; below, the same in infrared: "
         + "; ".join(pairs)
-        + ". Skins differ in colour and are alike in infrared, where lenses are black but for the "
-        "lamp's glare, and prints may be gone."
+        + ". Skins differ in colour and are alike in infrared, where dark lenses are black but for "
+        "the lamp's glare, and prints may be gone."
     )
     titles = [f"{name}\ncolour" for name in pairs] + ["infrared"] * len(pairs)
     shown = quiet(colour) + quiet(infrared, 32)

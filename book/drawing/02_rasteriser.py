@@ -133,8 +133,9 @@ def shared_edge(corners: Sequence[np.ndarray], owners: np.ndarray, on_edge: np.n
         4.1,
         f"Two triangles that share the edge from b to c. The first draws {first.sum()} pixels, "
         f"tinted, with round dots, the second {second.sum()}, with square dots; no pixel is drawn "
-        "twice. Rings mark centres on an edge of the first: those on its left edge are its own, "
-        "those on the shared edge belong to the second.",
+        f"twice. Rings mark {on_edge.sum()} centres on an edge of the first: "
+        f"{(on_edge & first).sum()} on its left edge are its own, {(on_edge & second).sum()} on "
+        "the shared edge are the second's, the others nobody's.",
         "",
     )
     axes = figure.subplots()

@@ -84,7 +84,7 @@ def augmented(batches: Sequence[Mapping[str, Tensor]]) -> Picture:
         "axes drawn on it turn with it.",
     )
     for axes, row in zip(figure.axes, rows, strict=True):
-        draw_axes(axes, row["K"], row["R"], row["t"], 0.45 * row["size"].max())
+        draw_axes(axes, row["K"], row["R"], row["t"], 0.32 * row["size"].max())
     return _plain(figure)
 
 
@@ -115,7 +115,7 @@ def films(
     figure = new_picture(
         8.0,
         3.4,
-        "Left, strips of films in which a head turns slowly, a row for each driver. Right, the "
+        "Left, strips of films in which a head looks about, a row for each driver. Right, the "
         "share of test pictures below each error: shuffled frames are far better.",
         "films",
     )
@@ -129,7 +129,7 @@ def films(
         share = np.arange(1, len(values) + 1) / len(values)
         curve.plot(np.sort(values), 100 * share, style, color=colour, label=name)
     curve.set(xlabel="error of the head's rotation, degrees", ylabel="test pictures below, %")
-    curve.set(xlim=(0, 40), ylim=(0, 101))
+    curve.set(xlim=(0, None), ylim=(0, 101))
     curve.legend(loc="lower right")
     return figure
 
@@ -140,7 +140,7 @@ def _square(images: list[np.ndarray]) -> np.ndarray:
 
 def _calm(image: np.ndarray) -> np.ndarray:
     """The picture without its noise and in few colours, which makes the page half as large."""
-    return quiet([image], 48)[0]
+    return quiet([image], 36)[0]
 
 
 def _pale(rgb: np.ndarray) -> np.ndarray:

@@ -38,6 +38,7 @@ light = drawing("02_light")
 quiet, thin = light.quiet, light.thin
 sample_surface = drawing("01_stand_in").sample_surface
 Pose = tuple[np.ndarray, np.ndarray]
+CAMERA_GREYS = ("#000000", "#666666", "#a0a0a0")
 PAPER = 0.92  # linear; behind objects that are shown alone
 
 
@@ -111,7 +112,7 @@ def in_the_car(view: View, all_cameras: Sequence[np.ndarray], names: Sequence[st
     t = np.stack([pose[1], *(T[:3, 3] for T in all_cameras)])
     return Viewer(
         clouds,
-        colours=colours | dict.fromkeys(lines, "#444444"),
+        colours=colours | dict(zip(lines, CAMERA_GREYS, strict=True)),
         axes=(R, t),
         axis_length=0.1,
         lines=lines,
