@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from posecore.arrays import fail, require_number
+from posecore.arrays import require_integer, require_number
 
 __all__ = ["Augmentation", "Draws"]
 
@@ -71,8 +71,8 @@ class Augmentation:
 
         They are drawn whatever is switched off, so that what is left stays as it was.
         """
-        if count < 0:
-            fail("count", "at least 0", count)
+        require_integer("count", count, 0)
+        require_integer("seed", seed, 0)
         rng = np.random.default_rng(seed)
         signed = rng.uniform(-1, 1, (count, 14))
         share = rng.random((count, 3))

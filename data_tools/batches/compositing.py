@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-__all__ = ["NONE", "OUTSIDE", "Layers", "put_behind", "put_in_front"]
+from data_tools.batches.decoding import NONE, OUTSIDE
 
-NONE, OUTSIDE = 255, 254
+__all__ = ["Layers", "put_behind", "put_in_front"]
+
 PATTERNED = 0.3  # of the new backgrounds are patterns, the others come from other images
 CUT_OUT = 0.5  # of the occluders are what another image shows, if that is allowed
 

@@ -4,29 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_tools.batches.compositing import NONE, OUTSIDE
 from data_tools.batches.files import PIECE
 from data_tools.storage.records import Record
 from data_tools.views import Dataset, ObjectView, View
 from posecore.arrays import fail
 
-__all__ = ["make_piece"]
+__all__ = ["NONE", "OUTSIDE", "make_piece"]
+
+NONE, OUTSIDE = 255, 254  # in an image of instances: no object; beyond the border, once it is cut
 
 
 def make_piece(dataset: Dataset, depth_step: float, number: int) -> tuple[Record, dict]:
     """The table and the images of a piece."""
     indices = range(len(dataset))[number * PIECE : (number + 1) * PIECE]
     views = [dataset[index] for index in indices]
-    images: dict[str, list[np.ndarray]] = {}
+    objects = [item for view in views for item in view.objects]
+    masked = all(item.mask is not None for item in objects)
+    located = masked and all(item.coordinates is not None for item in objects)
+    images = []
     for index, view in zip(indices, views, strict=True):
         new = _images(view, depth_step, index)
-        if index > indices[0] and {k: i.shape for k, i in new.items()} != {
-            k: i[0].shape for k, i in images.items()
-        }:
+        new |= _labels(view, depth_step, located) if masked else {}
+        images.append(new)
+        if {k: i.shape for k, i in new.items()} != {k: i.shape for k, i in images[0].items()}:
             fail(f"view {index}", f"images as in view {indices[0]}, {views[0]}", view)
-        for kind, image in new.items():
-            images.setdefault(kind, []).append(image)
-    objects = [item for view in views for item in view.objects]
     table: Record = {
         "K": np.stack([view.K for view in views]),
         "scene_id": np.array([view.scene_id for view in views]),
@@ -48,11 +49,11 @@ def make_piece(dataset: Dataset, depth_step: float, number: int) -> tuple[Record
     for name, (values, shape) in known.items():
         if all(value is not None for value in values):
             table[name] = np.reshape(np.array(values, np.float64), (-1, *shape))
-    return table, {kind: np.stack(images[kind]) for kind in images}
+    return table, {kind: np.stack([new[kind] for new in images]) for kind in images[0]}
 
 
 def _images(view: View, depth_step: float, index: int) -> dict[str, np.ndarray]:
-    """The images of a view: "rgb", "ir" uint8; "depth", "surface" uint16; "instance" uint8."""
+    """What the cameras saw: "rgb" and "ir" uint8, "depth" uint16."""
     if view.shape is None:
         fail(f"view {index}", "images", view)
     images = {}
@@ -64,17 +65,20 @@ def _images(view: View, depth_step: float, index: int) -> dict[str, np.ndarray]:
         images["depth"] = _steps(view.depth, depth_step)
     if len(view.objects) > OUTSIDE:
         fail(f"view {index}", f"at most {OUTSIDE} objects", len(view.objects))
-    if all(item.mask is not None for item in view.objects):
-        images["instance"] = np.full(view.shape, NONE, np.uint8)
-        # Masks of real data may overlap by some pixels: those are the nearer object's.
-        for slot in sorted(range(len(view.objects)), key=lambda s: -view.objects[s].t[2]):
-            images["instance"][view.objects[slot].mask] = slot
-        if view.objects and all(o.coordinates is not None for o in view.objects):
-            surface = np.zeros(view.shape)
-            for item in view.objects:
-                surface[item.mask] = item.coordinates[item.mask] @ item.R[2] + item.t[2]
-            images["surface"] = _steps(surface, depth_step)
     return images
+
+
+def _labels(view: View, depth_step: float, located: bool) -> dict[str, np.ndarray]:
+    """Which object each pixel shows, "instance" uint8, and if asked its depth, "surface" uint16."""
+    instance, surface = np.full(view.shape, NONE, np.uint8), np.zeros(view.shape)
+    # Masks of real data may overlap by some pixels: those are the nearer object's.
+    for slot in sorted(range(len(view.objects)), key=lambda s: -view.objects[s].t[2]):
+        item = view.objects[slot]
+        instance[item.mask] = slot
+        if located:
+            surface[item.mask] = item.coordinates[item.mask] @ item.R[2] + item.t[2]
+    labels = {"instance": instance}
+    return labels | {"surface": _steps(surface, depth_step)} if located else labels
 
 
 def _steps(depth: np.ndarray, depth_step: float) -> np.ndarray:
@@ -95,6 +99,6 @@ def _full_pixels(item: ObjectView) -> float | None:
     """How many pixels the whole silhouette has; 0 where nobody knows, as nothing of it is seen."""
     if item.mask is None or (item.visible_fraction is None and item.full_mask is None):
         return None
-    if item.visible_fraction is None:
-        return float(item.full_mask.sum())
-    return float(item.mask.sum() / item.visible_fraction) if item.visible_fraction else 0.0
+    if item.visible_fraction:
+        return float(item.mask.sum() / item.visible_fraction)
+    return 0.0 if item.full_mask is None else float(item.full_mask.sum())

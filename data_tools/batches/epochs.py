@@ -17,7 +17,7 @@ __all__ = ["Batches"]
 class Batches:
     """Batches in random order, epoch after epoch, without end.
 
-    All that is random in a batch follows from seed, epoch and step alone, so the state is three
+    All that is random in a batch follows from seed, epoch and step alone, so the state is a few
     numbers, and a run that was interrupted goes on bit for bit.
 
         train = Batches(data.crops, rows, 64, seed=0, size=128, augment=Augmentation())
@@ -71,19 +71,23 @@ class Batches:
         return batch
 
     def state_dict(self) -> dict[str, int]:
-        """Where in the data the next batch begins."""
-        return {"seed": self.seed, "epoch": self.epoch, "step": self.step}
+        """Where in the data the next batch begins, and what that holds for, as plain integers."""
+        place = {"epoch": self.epoch, "step": self.step}
+        return place | {"rows": len(self._rows), "batch_size": self.batch_size, "seed": self.seed}
 
     def load_state_dict(self, state: dict[str, int]) -> None:
         """Go on where `state_dict` was called.
 
         Raises:
-            ValueError: if it is the state of other batches.
+            ValueError: if it is the state of other batches: of another seed or batch size, or of
+                more or fewer rows.
         """
-        if not isinstance(state, dict) or set(state) != {"seed", "epoch", "step"}:
+        own = self.state_dict()
+        if not isinstance(state, dict) or state.keys() != own.keys():
             fail("state", "what state_dict gave", repr(state))
-        if state["seed"] != self.seed:
-            fail("state", f"the seed {self.seed}", state["seed"])
+        for name in ("rows", "batch_size", "seed"):
+            if state[name] != own[name]:
+                fail("state", f"{name} {own[name]}", state[name])
         epoch = require_integer("state['epoch']", state["epoch"], 0)
         self.step = require_integer("state['step']", state["step"], 0, len(self) - 1)
         self.epoch = epoch

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from data_tools.storage import DamagedShard, DamageWarning
+from data_tools.storage import DamagedShard, DamageWarning, MakingError
 from data_tools.storage.records import Record, decode_record, encode_record, to_json
 from data_tools.storage.shards import Place, pack_shard, read_bytes, read_index
 from posecore.files import write_bytes
@@ -117,15 +117,15 @@ class Pieces:
             array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes()
             for array in images.values()
         ]
-        path = self.path(number)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        data = pack_shard(self.key, number, records)
+        path, data = self.path(number), pack_shard(self.key, number, records)
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
             write_bytes(path, data)
-        except OSError:
+        except OSError as error:
             # Some systems refuse to replace a file that another process reads: then it is there.
             if not (path.is_file() and path.read_bytes() == data):
-                raise
+                problem = f"{path}: cannot be written: {error.strerror}"
+                raise MakingError(f"{problem}; finished pieces are kept") from error
 
     def _discard(self, number: int, reason: str) -> None:
         self.path(number).unlink(missing_ok=True)

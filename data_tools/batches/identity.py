@@ -30,8 +30,10 @@ def identify(dataset: Dataset) -> tuple[str | None, list]:
         return dataset.world.name, [dataset.store.key, code_version(*MODULES)]
     if isinstance(dataset, BopDataset):
         version = code_version(*MODULES, "data_tools.bop")
-        options = [dataset.split, dataset.rotations, [list(key) for key in dataset.images]]
-        return "bop", [_contents(dataset), options, version]
+        # Targets choose among the images, and among the objects in them.
+        chosen = None if dataset._targets is None else sorted(dataset._targets.items())
+        targets = chosen and [[*image, sorted(objects.items())] for image, objects in chosen]
+        return "bop", [_contents(dataset), dataset.split, dataset.rotations, targets, version]
     return None, []
 
 

@@ -15,11 +15,12 @@ __all__ = ["to_indices", "to_integers"]
 
 def to_integers(name: str, values: Any) -> np.ndarray:
     """One or several integers as an int64 array; a ValueError for others."""
+    whole = isinstance(values, int | np.integer | np.ndarray | Tensor)
     try:
-        array = np.asarray(values if isinstance(values, int | Tensor) else list(values))
+        array = np.asarray(values if whole else list(values))
     except (TypeError, ValueError):  # one that is no sequence, or rows of different lengths
         fail(name, "integers", repr(values))
-    if array.dtype.kind not in "iu":
+    if array.dtype.kind not in "iu" and array.size:
         fail(name, "integers", f"dtype {array.dtype}")
     return array.astype(np.int64)
 

@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 from data_tools.batches.augmentation import Augmentation, Draws
-from data_tools.batches.compositing import NONE, OUTSIDE, Layers, put_behind, put_in_front
+from data_tools.batches.compositing import Layers, put_behind, put_in_front
+from data_tools.batches.decoding import NONE, OUTSIDE
 from data_tools.batches.sensing import see, sense_depth
 from data_tools.batches.warps import resample, turned_crop
 from posecore.arrays import fail
@@ -89,9 +90,10 @@ def make_batch(
         def locate(index: int) -> None:
             steps = resample(stack.image("surface", int(views[index])), to_new[index], size, 0)
             for row in rows[first[index] : first[index + 1]].tolist():
-                mask = layers[index].instance == int(stack.slot[row])
+                known = (layers[index].instance == int(stack.slot[row])) & (steps > 0)
+                z = steps[known] * stack.depth_step
                 R, t = Rz[index] @ stack.R[row].numpy(), Rz[index] @ stack.t[row].numpy()
-                _locate(mask * steps * stack.depth_step, K[index], R, t, coordinates[index])
+                coordinates[index][known] = _locate(known, z, K[index], R, t)
 
         each(locate)
         batch["coordinates"] = torch.from_numpy(coordinates)
@@ -213,10 +215,9 @@ def _seen(
 
 
 def _locate(
-    depth: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, out: np.ndarray
-) -> None:
-    """Where each pixel of an object lies on it, by its exact depth and the pose."""
-    y, x = np.nonzero(depth)
-    z = depth[y, x]
-    rays = np.stack([x * z, y * z, z], 1) @ np.linalg.inv(K).T
-    out[y, x] = (rays - t) @ R  # R^T (X - t)
+    mask: np.ndarray, z: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray
+) -> np.ndarray:
+    """Where each pixel of a mask lies on an object, by its exact depth and the pose."""
+    y, x = np.nonzero(mask)
+    points = np.stack([x * z, y * z, z], 1) @ np.linalg.inv(K).T
+    return (points - t) @ R  # R^T (X - t)

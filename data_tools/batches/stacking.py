@@ -17,15 +17,17 @@ from data_tools.batches.files import PIECE, Pieces
 from data_tools.batches.identity import identify
 from data_tools.batches.indices import to_indices, to_integers
 from data_tools.batches.sampling import make_batch
-from data_tools.batches.warps import require_size
+from data_tools.batches.warps import require_size, widened
 from data_tools.storage.store import WORLDS
 from data_tools.views import Dataset
-from posecore.arrays import fail, require_number, to_numbers
+from posecore.arrays import fail, require_choice, require_number, to_numbers
 from posecore.scale import cache_folder
 
 __all__ = ["Stack", "load"]
 
 Batch = dict[str, Tensor]
+LABELS = {"instance", "surface"}  # images that are known if all objects have masks, coordinates
+OF_OBJECTS = {"image", "row", "object_id", "category", "R", "t", "size", "box", "visible_fraction"}
 
 
 def load(
@@ -37,26 +39,28 @@ def load(
 ) -> Stack:
     """All views of a dataset, decoded once and found again in the cache.
 
-    Worlds and BOP datasets are cached; of others, which nothing identifies, the images stay in
-    memory. A world is found by what it was made from, a BOP split by the contents of its JSON files
-    and by names and lengths of its images.
+    Worlds and BOP datasets are cached; the images of others, which nothing identifies, stay in
+    memory. A world is found by what it was made from; a BOP split by its targets, the contents of
+    its JSON files, and names and lengths of its images.
 
     Args:
-        dataset: all of its views have the same kinds of images, of the same size.
+        dataset: all of its views have the same kinds of images, of the same size. Masks and
+            coordinates are kept if all objects have them; of 16-bit infrared the upper 8 bits.
         depth_step: metres; depth is kept in whole steps, and beyond 65535 of them there is none.
         folder: where the worlds lie, as for `Store`; None for `worlds` in `cache_folder()`.
         progress: whether to show a bar the first time.
 
     Raises:
         ValueError: naming the argument, or the view that does not fit the others.
+        MakingError: if there is no room for the files.
     """
-    if not isinstance(dataset, Dataset):
-        fail("dataset", "what data_tools.open returns", f"a {type(dataset).__name__}")
-    if not len(dataset):
-        fail("dataset", "at least one view", "none")
+    if not isinstance(dataset, Dataset) or not len(dataset):
+        fail("dataset", "what data_tools.open returns, with one view at least", repr(dataset))
+    if not isinstance(folder, str | Path | None):
+        fail("folder", "a path or None", repr(folder))
+    root = cache_folder() / WORLDS if folder is None else Path(folder)
     depth_step = require_number("depth_step", depth_step, above=0)
     name, recipe = identify(dataset)
-    root = cache_folder() / WORLDS if folder is None else Path(folder)
     place = None if name is None else root / f"{name}-stack"
     recipe = {"source": recipe, "depth_step": depth_step, "piece": PIECE, "count": len(dataset)}
     pieces = Pieces(place, recipe, partial(make_piece, dataset, depth_step))
@@ -71,32 +75,35 @@ class Stack:
 
     Attributes:
         size: (width, height) of the images in pixels.
+        kinds: of images: "rgb", "ir", "depth"; "instance" and "surface" from masks and coordinates.
+        depth_step: metres.
         K: (V, 3, 3) float64 camera matrices.
         T_world_cam: (V, 4, 4) float64 poses of the cameras in the world.
         scene_id, image_id: (V,) int64.
         group: (V,) int64; views of one instant have the same number, from 0 on.
         categories: names; None where objects have no category.
-        view: (N,) int64 the view in which an object is; ascending.
+        view, slot: (N,) int64 the view in which an object is, ascending, and its place in it.
         object_id: (N,) int64.
         category: (N,) int64 index into `categories`.
         R, t: (N, 3, 3) and (N, 3) float64 poses, metres.
-        box: (N, 4) float64 x, y, width, height of what is seen; width and height 0 for nothing.
+        box: (N, 4) float64 x, y, width, height of what is seen in pixels; 0 for nothing or unknown.
         object_size: (N, 3) float64 extent along the object's axes in metres.
-        visible_fraction: (N,) float64.
+        visible_fraction, full_pixels: (N,) float64, the latter of the whole silhouette.
     """
 
     def __init__(self, pieces: Pieces, count: int, depth_step: float, progress: bool) -> None:
         self._pieces, self._count, self.depth_step = pieces, count, depth_step
         numbers = range(-(-count // PIECE))
-        whole = all(pieces.exists(number) for number in numbers)
-        bar = tqdm(numbers, desc="stack", unit="piece", disable=whole or not progress)
+        quiet = not progress or all(pieces.exists(number) for number in numbers)
+        bar = tqdm(numbers, desc="stack", unit="piece", disable=quiet)
         tables = [pieces.table(number) for number in bar]
-        kinds = [pieces.kinds(number) for number in numbers]
-        for number, kind in enumerate(kinds):
-            if kind != kinds[0]:
-                fail(f"view {number * PIECE}", f"images as in view 0, {kinds[0]}", kind)
-        self.kinds: tuple[str, ...] = tuple(kinds[0])
-        self.size: tuple[int, int] = next(iter(kinds[0].values()))[1::-1]
+        shapes = [pieces.kinds(number) for number in numbers]
+        for number, shape in enumerate(shapes):
+            differ = {name for name, _ in shape.items() ^ shapes[0].items()}
+            if not differ <= LABELS or differ & shape.keys() & shapes[0].keys():
+                fail(f"view {number * PIECE}", f"images as in view 0, {shapes[0]}", shape)
+        self.kinds: tuple[str, ...] = tuple(k for k in shapes[0] if all(k in s for s in shapes))
+        self.size: tuple[int, int] = next(iter(shapes[0].values()))[1::-1]
 
         def stack(name: str) -> Tensor | None:
             if not all(name in table for table in tables):
@@ -110,27 +117,23 @@ class Stack:
         self.group = torch.tensor([number_of[group] for group in groups])
         counts = stack("counts")
         self.view = torch.repeat_interleave(torch.arange(count), counts)
-        # The first object of each view has the value 0 in its image of instances.
         self.slot = torch.arange(len(self.view)) - (counts.cumsum(0) - counts)[self.view]
         self.object_id, self.R, self.t = stack("object_id"), stack("R"), stack("t")
         self.box, self.object_size = stack("box"), stack("size")
         self.visible_fraction, self.full_pixels = stack("visible_fraction"), stack("full_pixels")
         names = [name for table in tables for name in table["categories"]]
-        known = all(name is not None for name in names)
-        self.categories = tuple(sorted(set(names))) if known else None
-        self.category = (
-            torch.tensor([self.categories.index(n) for n in names], dtype=torch.int64)
-            if known
-            else None
-        )
+        self.categories = self.category = None
+        if None not in names:
+            self.categories = tuple(sorted(set(names)))
+            numbers = [self.categories.index(name) for name in names]
+            self.category = torch.tensor(numbers, dtype=torch.int64)
 
     def __len__(self) -> int:
         """How many views."""
         return self._count
 
     def __repr__(self) -> str:
-        width, height = self.size
-        kinds = "+".join(self.kinds)
+        (width, height), kinds = self.size, "+".join(self.kinds)
         return f"Stack({len(self)} views of {width} x {height} {kinds}, {len(self.view)} objects)"
 
     @property
@@ -162,8 +165,7 @@ class Stack:
         Args:
             object_id: one or several; None for all.
             category: one of `categories`; None for all.
-            visible: the visible fraction that they have at the least. What is not seen at all is
-                left out in any case.
+            visible: the least visible fraction. What has no box is left out in any case.
 
         Returns:
             (M,) int64 rows of the table of objects.
@@ -173,12 +175,10 @@ class Stack:
         """
         wanted = (self.box[:, 2:] > 0).all(1)
         if object_id is not None:
-            wanted &= torch.isin(
-                self.object_id, torch.as_tensor(to_integers("object_id", object_id))
-            )
+            ids = torch.from_numpy(np.atleast_1d(to_integers("object_id", object_id)))
+            wanted &= torch.isin(self.object_id, ids)
         if category is not None:
-            if category not in (self.categories or ()):
-                fail("category", f"one of {self.categories}", repr(category))
+            require_choice("category", category, self.categories or (None,))
             wanted &= self.category == self.categories.index(category)
         if require_number("visible", visible, 0, 1) > 0:
             if self.visible_fraction is None:
@@ -238,8 +238,7 @@ class Stack:
         """
         views = to_indices("views", views, len(self))
         flat = views.reshape(-1)
-        width, height = self.size
-        boxes = np.tile([0.0, 0.0, width, height], (len(flat), 1))
+        boxes = np.tile([0.0, 0.0, *self.size], (len(flat), 1))
         size = self.size if size is None else require_size("size", size)
         first = torch.searchsorted(self.view, flat)
         last = torch.searchsorted(self.view, flat, right=True)
@@ -247,8 +246,7 @@ class Stack:
         rows = torch.cat([torch.arange(a, b) for a, b in zip(first, last, strict=True)])
         batch = make_batch(self, flat, boxes, size, rows, image, False, augment, generator)
         if views.ndim > 1:
-            of_objects = {"image", "row", "object_id", "category", "R", "t", "size", "box"}
-            for name in batch.keys() - of_objects - {"visible_fraction"}:
+            for name in batch.keys() - OF_OBJECTS:
                 batch[name] = batch[name].unflatten(0, views.shape)
         return batch
 
@@ -269,7 +267,7 @@ class Stack:
             size: (width, height) of the crops, or one number for both.
             margin: factor on the smallest box with the sides' ratio of `size` that holds the
                 object's, about the same middle.
-            boxes: (B, 4) from a detector, in place of the objects' own.
+            boxes: (B, 4) x, y, width, height from a detector, in place of the objects' own.
             augment, generator: as for `frames`.
 
         Returns:
@@ -278,29 +276,23 @@ class Stack:
 
         Raises:
             ValueError: naming the argument that does not fit this description; an object that is
-                not seen has no box.
+                not seen has no box of its own.
         """
         rows = to_indices("rows", rows, len(self.view))
         if rows.ndim != 1:
             fail("rows", "shape (B,)", f"shape {tuple(rows.shape)}")
         size = require_size("size", size)
         margin = require_number("margin", margin, above=0)
-        own = boxes is None
-        boxes = to_numbers("boxes", self.box[rows] if own else boxes)
-        if boxes.shape != (len(rows), 4) or not np.isfinite(boxes).all():
-            fail("boxes", f"{len(rows)} boxes x, y, width, height", f"shape {boxes.shape}")
-        empty = (boxes[:, 2:] <= 0).any(1)
-        if empty.any() and own:
-            fail("rows", "objects that are seen", f"row {int(rows[np.flatnonzero(empty)[0]])}")
-        if empty.any():
-            fail("boxes", "widths and heights above 0", boxes[empty][0].tolist())
-        middle, shape = boxes[:, :2] + boxes[:, 2:] / 2, np.array(size, np.float64)
-        sides = margin * (boxes[:, 2:] / shape).max(1, keepdims=True) * shape
-        boxes = np.concatenate([middle - sides / 2, sides], 1)
+        if boxes is None:
+            boxes = self.box[rows]
+            unseen = rows[(boxes[:, 2:] <= 0).any(1)]
+            if len(unseen):
+                fail("rows", "objects that are seen", f"row {int(unseen[0])}")
+        boxes, views = widened(to_numbers("boxes", boxes), size, margin), self.view[rows]
+        if len(boxes) != len(rows):
+            fail("boxes", f"{len(rows)} of them, one a row", len(boxes))
         image = torch.arange(len(rows))
-        batch = make_batch(
-            self, self.view[rows], boxes, size, rows, image, True, augment, generator
-        )
+        batch = make_batch(self, views, boxes, size, rows, image, True, augment, generator)
         if "instance" in batch:
             batch["mask"] = batch.pop("instance") >= 0
         del batch["image"]

@@ -14,7 +14,9 @@ import torch
 from posecore.arrays import Array, array_function, fail, require_integer
 from posecore.cameras import crop_and_resize_intrinsics, require_intrinsics
 
-__all__ = ["require_size", "resample", "turned_crop"]
+__all__ = ["require_size", "resample", "turned_crop", "widened"]
+
+MOST_SAMPLES = 16  # each way in a pixel; a box may be far larger than the image it lies in
 
 
 @array_function(K="... 3 3", box="... 4", turn="...")
@@ -55,6 +57,26 @@ def turned_crop(
     return cut @ turned, cut @ K, Rz
 
 
+@array_function(boxes="N 4")
+def widened(boxes: Array, size: tuple[int, int], margin: float) -> Array:
+    """The smallest boxes with the sides' ratio of `size` that hold others, times `margin`.
+
+    Args:
+        boxes: (N, 4) x, y, width and height; their middles are kept.
+        size: (width, height).
+        margin: factor on the sides.
+
+    Raises:
+        ValueError: if a box is empty.
+    """
+    empty = (boxes[:, 2:] <= 0).any(1)
+    if bool(empty.any()):
+        fail("boxes", "widths and heights above 0", boxes[empty][0].tolist())
+    ratio = boxes.new_tensor(size)
+    sides = margin * (boxes[:, 2:] / ratio).amax(1, keepdim=True) * ratio
+    return torch.cat([boxes[:, :2] + boxes[:, 2:] / 2 - sides / 2, sides], 1)
+
+
 def resample(
     image: np.ndarray, to_new: np.ndarray, size: tuple[int, int], fill: int | None = None
 ) -> np.ndarray:
@@ -75,7 +97,7 @@ def resample(
         flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
         return cv2.warpAffine(image, back[:2], size, flags=flags, borderValue=fill)
     # Where a new pixel covers several old ones it is the mean of k x k samples.
-    k = max(1, round(float(np.sqrt(abs(np.linalg.det(back[:2, :2]))))))
+    k = round(float(np.clip(np.sqrt(abs(np.linalg.det(back[:2, :2]))), 1, MOST_SAMPLES)))
     finer = np.array([[1 / k, 0, (1 - k) / (2 * k)], [0, 1 / k, (1 - k) / (2 * k)], [0, 0, 1]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     fine = cv2.warpAffine(

@@ -82,6 +82,9 @@ def test_bad_input(arguments, name):
         Augmentation(**arguments)
 
 
-def test_bad_count():
-    with pytest.raises(ValueError, match="^count"):
-        Augmentation().draw(-1, 0)
+@pytest.mark.parametrize(
+    "count, seed, name", [(-1, 0, "count"), (2.5, 0, "count"), (2, -1, "seed")]
+)
+def test_bad_draws(count, seed, name):
+    with pytest.raises(ValueError, match=f"^{name}"):
+        Augmentation().draw(count, seed)

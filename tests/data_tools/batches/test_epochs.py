@@ -1,4 +1,5 @@
 import itertools
+import json
 
 import pytest
 import torch
@@ -34,7 +35,7 @@ def test_a_run_goes_on_bit_for_bit(done, seed):
     rows = torch.arange(22).reshape(11, 2)
     batches = Batches(make, rows, 3, seed=seed, scale=2.0)
     list(itertools.islice(batches, done))
-    state = batches.state_dict()
+    state = json.loads(json.dumps(batches.state_dict()))
     rest = list(itertools.islice(batches, 7))
     other = Batches(make, rows, 3, seed=seed, scale=2.0)
     other.load_state_dict(state)
@@ -70,7 +71,7 @@ def test_a_failure_loses_no_batch():
 
 
 ROWS = torch.arange(6)
-STATE = {"seed": 0, "epoch": 0, "step": 0}
+STATE = Batches(make, ROWS, 2, seed=0).state_dict()
 
 
 def load(state):
@@ -88,7 +89,9 @@ BAD = [
     (lambda: Batches(make, ROWS, 2, seed=0.5), "seed"),
     (lambda: load({"epoch": 0, "step": 0}), "state"),
     (lambda: load(None), "state"),
-    (lambda: load(STATE | {"seed": 1}), "state"),
+    (lambda: load(STATE | {"seed": 1}), "state: expected seed 0"),
+    (lambda: load(Batches(make, ROWS[:4], 2, seed=0).state_dict()), "state: expected rows 6"),
+    (lambda: load(Batches(make, ROWS, 3, seed=0).state_dict()), "state: expected batch_size 2"),
     (lambda: load(STATE | {"step": 3}), "state"),
     (lambda: load(STATE | {"epoch": -1}), "state"),
 ]

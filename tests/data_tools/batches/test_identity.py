@@ -66,6 +66,23 @@ def test_changed_files_are_another_dataset(exported, tmp_path):
     assert name() != before
 
 
+def test_targets_are_another_dataset(exported, tmp_path):
+    """The same images, but not the same objects in them."""
+    first = {}
+    for target in json.loads((exported / "test_targets_bop19.json").read_text()):
+        first.setdefault(target["im_id"], target)
+    few = tmp_path / "few.json"
+    few.write_text(json.dumps(list(first.values())))
+    whole, part = (
+        data_tools.open(f"bop:{exported}", split="test", targets=targets) for targets in (None, few)
+    )
+    assert whole.images == part.images
+    counts = [len(d.ground_truth().object_id) for d in (whole, part)]
+    stacks = [batches.load(d, folder=tmp_path, progress=False) for d in (whole, part)]
+    assert [len(stack.view) for stack in stacks] == counts
+    assert counts[0] > counts[1] == 4
+
+
 def test_worlds_are_known_by_what_they_were_made_from(cache):
     names = [identify(open_world(world)) for world in ("tabletop", "headset", "tabletop")]
     assert names[0] == names[2] != names[1]

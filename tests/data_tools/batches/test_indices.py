@@ -15,6 +15,15 @@ def test_all_kinds_of_integers(values):
     assert to_indices("rows", values, 100).dtype == torch.int64
 
 
+@pytest.mark.parametrize("value", [7, np.int64(7), np.uint8(7), torch.tensor(7), np.array(7)])
+def test_one_integer(value):
+    assert to_integers("rows", value).tolist() == 7
+
+
+def test_none_at_all():
+    assert to_integers("rows", []).tolist() == to_integers("rows", torch.tensor([])).tolist() == []
+
+
 BAD = [
     lambda: to_integers("rows", "cat"),
     lambda: to_integers("rows", [0.5]),

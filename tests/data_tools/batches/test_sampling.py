@@ -13,6 +13,7 @@ from data_tools.shapes import make_object
 from data_tools.worlds.categories import WORLD as CATEGORIES
 from posecore.cameras import project, resize_intrinsics
 from posecore.rotations import special_procrustes
+from tests.data_tools.batches.conftest import load, make_view
 
 OFF = Augmentation.none()
 GEOMETRY = Augmentation(**{**vars(OFF), "turn": np.pi, "shift": 0.3, "zoom": 1.6})
@@ -183,6 +184,35 @@ def test_coordinates_are_on_the_surface(stack_of):
         error = np.linalg.norm(batch["coordinates"][i][y, x] - labels.coordinates[at], axis=1)
         half_a_pixel = labels.depth[at] / K[0, 0] / np.sqrt(2)
         assert (error[same] <= 1.01 * half_a_pixel[same] + 2e-4).all()
+
+
+@pytest.mark.parametrize("size", [1, 7, (26, 17)])
+@pytest.mark.parametrize("centre", [(15.5, 11.5), (-300.0, 500.0)])
+def test_every_pixel_at_the_extremes(size, centre):
+    """A skewed camera, its centre outside the image, turned, zoomed and shifted by all there is."""
+    K = np.array([[120, 20, centre[0]], [0, 90, centre[1]], [0, 0, 1]])
+    rng = np.random.default_rng(0)
+    depths = rng.uniform(0.5, 3, (6, 24, 32)).astype(np.float32)
+    stack = load([make_view(i, 2, K=K, depth=depth) for i, depth in enumerate(depths)])
+    far = Augmentation(**{**vars(OFF), "turn": np.pi, "zoom": 10, "shift": 1})
+    rows, batch = crops(stack, size, far)
+    seen = 0
+    for i, row in enumerate(rows):
+        _, height, width = batch["rgb"][i].shape
+        back = np.linalg.inv(map_of(stack, row, batch, i))
+        instance = stack.image("instance", stack.view[row])
+        for y, x in np.ndindex(height, width):
+            at = back[:2] @ [x, y, 1]
+            column, line = (int(np.floor(a + 0.5)) for a in at)
+            if np.abs(at - np.floor(at) - 0.5).min() < 5e-3:
+                continue  # as near to the next pixel
+            inside = 0 <= column < 32 and 0 <= line < 24
+            mask = inside and instance[line, column] == stack.slot[row]
+            depth = depths[stack.view[row], line, column] if inside else 0
+            assert batch["mask"][i, y, x] == mask
+            assert np.isclose(batch["depth"][i, y, x], depth, atol=0.6e-4)
+            seen += mask
+    assert seen > 0
 
 
 @every_world

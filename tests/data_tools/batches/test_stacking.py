@@ -1,3 +1,4 @@
+import dataclasses
 import pickle
 
 import numpy as np
@@ -9,48 +10,9 @@ from hypothesis import strategies as st
 from data_tools import batches
 from data_tools.batches import Augmentation
 from data_tools.batches.files import PIECE
-from data_tools.storage import DamageWarning, cache_size, clean
-from data_tools.views import Dataset, ObjectView, View
-from tests.data_tools.batches.conftest import open_world
-
-K = np.array([[100, 0, 15.5], [0, 100, 11.5], [0, 0, 1]])
-
-
-def make_view(index, count=1, **changes):
-    """Squares that overlap, the later ones farther away, so that the first is in front."""
-    objects = []
-    for row in range(count):
-        mask = np.zeros((24, 32), bool)
-        mask[4 + row : 14 + row, 5 + row : 20 + row] = True
-        t = np.array([0, 0, 1.0 + row])
-        objects.append(ObjectView(object_id=row + 1, R=np.eye(3), t=t, mask=mask))
-    image = np.random.default_rng(index).integers(0, 256, (24, 32, 3)).astype(np.uint8)
-    return View(
-        **{"K": K, "scene_id": 3, "image_id": index, "rgb": image, "objects": objects} | changes
-    )
-
-
-class Listed(Dataset):
-    """Views in memory, which count how often they are asked for."""
-
-    object_ids = (1, 2)
-
-    def __init__(self, views):
-        self.views, self.asked = views, 0
-
-    def __len__(self):
-        return len(self.views)
-
-    def __getitem__(self, index):
-        self.asked += 1
-        return self.views[index]
-
-    def models(self):
-        raise ValueError
-
-
-def load(views):
-    return batches.load(Listed(views), progress=False)
+from data_tools.storage import DamageWarning, MakingError, cache_size, clean
+from data_tools.views import ObjectView
+from tests.data_tools.batches.conftest import K, Listed, load, make_view, open_world
 
 
 @pytest.mark.parametrize("world", ["categories", "headset", "tabletop"])
@@ -173,7 +135,7 @@ def test_a_full_disk_leaves_nothing_half(cache, tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr("data_tools.batches.files.write_bytes", full)
-        with pytest.raises(OSError, match="No space"):
+        with pytest.raises(MakingError, match=r"000000\.shard: cannot be written: No space"):
             small_world(tmp_path)
     assert not list(tmp_path.rglob("*.shard"))
     assert len(small_world(tmp_path)) == 48
@@ -192,6 +154,54 @@ def test_where_masks_overlap_the_nearer_object_is_seen():
     first, second = (view.mask for view in make_view(0, 2).objects)
     assert np.array_equal(batch["instance"][0] == 0, first)
     assert np.array_equal(batch["instance"][0] == 1, second & ~first)
+
+
+def located(item, share=1.0):
+    """The object with coordinates, and a visible fraction."""
+    changed = {"coordinates": np.float32(item.mask[..., None] * [0.1, 0.1, 0.1]) * item.object_id}
+    return dataclasses.replace(item, **changed, visible_fraction=share)
+
+
+def test_where_masks_overlap_coordinates_are_those_of_the_nearer_object():
+    """The nearer one is first in the list, and so written over if the order were the list's."""
+    objects = [located(item) for item in make_view(0, 2).objects]
+    batch = load([make_view(0, objects=objects)]).frames([0])
+    for row, item in enumerate(objects):
+        seen = (batch["instance"][0] == row).numpy()
+        assert seen.sum() > 10
+        z = batch["coordinates"][0][seen][:, 2] + item.t[2]
+        assert np.allclose(z, item.coordinates[seen][:, 2] + item.t[2], atol=1e-4)
+
+
+def test_surfaces_too_far_away_to_be_kept_have_no_coordinates():
+    (item,) = make_view(0).objects
+    objects = [located(dataclasses.replace(item, t=np.array([0, 0, 7.0])))]
+    batch = load([make_view(0, objects=objects)]).frames([0])
+    assert (batch["instance"] == 0).any() and not batch["coordinates"].any()
+
+
+def test_views_without_objects_fit_in_anywhere():
+    """Nothing is known of masks and coordinates there, or all."""
+    full = make_view(1, objects=[located(item) for item in make_view(1).objects])
+    bare = make_view(2, objects=[ObjectView(object_id=1, R=np.eye(3), t=[0, 0, 1.0])])
+    empty = [make_view(i, 0) for i in range(PIECE)]
+    for views in ([full, empty[0]], [empty[0], full], [*empty, full]):
+        stack = load(views)
+        assert stack.kinds == ("rgb", "instance", "surface")
+        batch = stack.frames([0, len(views) - 1])
+        assert batch["coordinates"].any() and (batch["instance"] == 0).sum() == 150
+    for views in ([bare, empty[0]], [empty[0], bare], [*empty, bare], [full, bare]):
+        assert load(views).kinds == ("rgb",)
+    with pytest.raises(ValueError, match=f"^view {PIECE}: "):
+        load([*empty, make_view(0, rgb=None, depth=np.ones((24, 32), np.float32))])
+
+
+def test_a_fraction_of_0_beside_a_mask():
+    """Published fractions are rounded; the whole silhouette says more."""
+    (item,) = make_view(0).objects
+    item = dataclasses.replace(item, full_mask=np.ones_like(item.mask), visible_fraction=0.0)
+    batch = load([make_view(0, objects=[item])]).frames([0])
+    assert np.isclose(batch["visible_fraction"].item(), item.mask.mean())
 
 
 def test_what_is_not_known_is_not_there():
@@ -262,6 +272,9 @@ BAD = [
     (lambda: STACK.crops(ROWS, boxes=np.ones((3, 4))), "boxes"),
     (lambda: STACK.crops(ROWS, boxes=np.full((2, 4), np.nan)), "boxes"),
     (lambda: STACK.crops(ROWS, boxes=np.zeros((2, 4))), "boxes"),
+    (lambda: STACK.crops(ROWS, boxes=[1, 2, 3, 4]), "boxes"),
+    (lambda: STACK.crops(ROWS, boxes="all"), "boxes"),
+    (lambda: batches.load(Listed([make_view(0)]), folder=3), "folder"),
     (lambda: STACK.rows(category="mug"), "category"),
     (lambda: STACK.rows(visible=0.5), "visible"),
     (lambda: STACK.rows(visible=2), "visible"),

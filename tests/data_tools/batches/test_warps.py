@@ -1,9 +1,11 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data_tools.batches.warps import require_size, resample, turned_crop
+from data_tools.batches.warps import require_size, resample, turned_crop, widened
 from posecore.cameras import crop_and_resize_intrinsics, project
 from posecore.rotations import is_rotation
 
@@ -121,6 +123,22 @@ def test_shrunk_images_are_means(k):
     assert np.abs(resample(image, to_new, (16, 12)) - expected).max() <= 0.51
 
 
+@pytest.mark.parametrize("times", [15, 300, 1e5])
+def test_boxes_far_larger_than_the_image(times):
+    """Take no more room than others, and are still means as far as that goes."""
+    image = np.random.default_rng(0).integers(0, 256, (90, 120)).astype(np.uint8)
+    box = [60 - 20 * times, 45 - 20 * times, 40 * times, 40 * times]
+    to_new, _, _ = turned_crop(np.eye(3), box, 0.3, (40, 40))
+    tracemalloc.start()
+    got = resample(image, to_new, (40, 40))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert got.shape == (40, 40)
+    assert peak < 2e6
+    if times == 15:
+        assert got[19:21, 19:21].std() < 20  # means of 225 pixels, whose own deviation is 74
+
+
 def test_outside_the_image():
     image = np.full((10, 10), 9, np.uint8)
     to_new, _, _ = turned_crop(np.eye(3), [5, 0, 10, 10], 0.0, (10, 10))
@@ -135,7 +153,21 @@ def test_sizes(width, height):
     assert require_size("size", width) == (width, width)
 
 
+@given(st.integers(0, 2**32), st.integers(1, 99), st.integers(1, 99), st.floats(0.1, 5))
+def test_widened_boxes(seed, width, height, margin):
+    boxes = np.random.default_rng(seed).uniform(0.5, 90, (7, 4))
+    wide = widened(boxes, (width, height), margin)
+    assert np.allclose(wide[:, 2] / wide[:, 3], width / height)
+    for new, old in zip(wide, boxes, strict=True):
+        assert np.allclose(new[:2] + new[2:] / 2, old[:2] + old[2:] / 2)
+        # One side is the old one times the margin, the other is not shorter.
+        assert np.isclose((new[2:] / old[2:]).min(), margin)
+
+
 BAD = [
+    (lambda: widened(np.ones((2, 3)), (4, 4), 1.0), "boxes"),
+    (lambda: widened([[0, 0, 1, 0]], (4, 4), 1.0), "boxes"),
+    (lambda: widened([[0, np.nan, 1, 1]], (4, 4), 1.0), "boxes"),
     (lambda: turned_crop(np.zeros((3, 3)), [0, 0, 1, 1], 0.0, (4, 4)), "K"),
     (lambda: turned_crop(np.eye(4), [0, 0, 1, 1], 0.0, (4, 4)), "K"),
     (lambda: turned_crop(np.eye(3), [0, 0, 1], 0.0, (4, 4)), "box"),
