@@ -143,14 +143,14 @@ print(f"{inside.sum()} pixels inside, area {area:.1f} px²")
 #
 # The corners of a triangle have values: colours, normals, coordinates in a texture. What is the
 # value at a pixel inside? In space it changes evenly along the triangle. But a camera makes the
-# far part of the triangle smaller. So the weights $w_i$ in the image must first be divided by the
-# depths:
+# far part of the triangle smaller. So the weights in the image, the barycentric coordinates
+# $\beta_i$, must first be divided by the depths. For a value $s$:
 #
-# $$a = \frac{\sum_i w_i \, a_i / z_i}{\sum_i w_i / z_i}$$
+# $$s = \frac{\sum_i \beta_i \, s_i / z_i}{\sum_i \beta_i / z_i}$$
 #
 # | in | shape | |
 # |---|---|---|
-# | `weights` | (N, 3) | barycentric coordinates of N pixels *in the image*; each row sums to 1 |
+# | `weights` | (N, 3) | $\beta$ of N pixels, so weights *in the image*; each row sums to 1 |
 # | `depths` | (3,) | z of the corners, above 0; metres |
 # | `values` | (3, C) | C numbers at each corner, of any sign |
 # | **out** | (N, C) | C numbers at each pixel |
@@ -214,7 +214,8 @@ assert off < 1e-9 < 1 < alone
 # %% [markdown]
 # ## 3. The z-buffer
 #
-# Draw each object alone into a depth image, a layer. What does the camera see of all of them? At
+# Draw each object alone into a depth image, a layer. (Nothing is 0 here, as in files, and not
+# infinite as in the chapter.) What does the camera see of all of them? At
 # each pixel the nearest.
 #
 # | in | shape | |
@@ -290,7 +291,7 @@ print({name: int((instance == number).sum()) for number, name in enumerate(names
 # - If only a corner or an edge touches the plane from behind, nothing is left: shape (0, 3).
 # - A triangle that lies in the plane stays whole.
 #
-# The picture shows what is expected in four cases, from the side.
+# The picture shows what is expected in four cases, from the side. The black arrow is the camera.
 
 # %%
 cases = {
@@ -443,11 +444,14 @@ assert np.allclose(fractions, labels_moved.visible_fraction, atol=0.002)
 # Training images are few. So one turns, cuts and scales those that one has. The labels
 # must follow *exactly*, or the network learns the error.
 #
-# Turn the camera by `angle` about its optical axis, from +x towards +y. On the screen everything
-# then turns clockwise about the principal point. `K` stays as it is. Find the new pose of the
-# object, and the map $A$ that takes every old pixel $(u, v, 1)$ to its new place:
+# Turn everything before the camera by `angle` about the optical axis, from +x towards +y. (Or the
+# camera, the other way. It is the same.) On the screen everything then turns clockwise about the
+# principal point. `K` stays as it is. Find the new pose of the object, and the map $A$ that takes
+# every old pixel $(x, y, 1)$ to its new place:
 #
-# $$K\,(R_{new}\,x + t_{new}) \sim A\,K\,(R\,x + t) \quad \text{for all } x$$
+# $$K\,(R_{new}\,X + t_{new}) \sim A\,K\,(R\,X + t) \quad \text{for all } X$$
+#
+# Here $\sim$ means: the same up to a factor, the depth.
 #
 # | in | shape | |
 # |---|---|---|
@@ -497,8 +501,8 @@ answer
 # Cutting and scaling work the other way: the pose stays, and the camera matrix changes. Both
 # together: turn, cut a box out, and enlarge it to 256 x 256. Every point of the car still lands
 # on its pixel.
-# As the centre of the first pixel is at (0, 0) and not its corner, scaling by $s$ takes $u$ to
-# $s\,(u + \frac12) - \frac12$.
+# As the centre of the first pixel is at (0, 0) and not its corner, a zoom $k$ takes $x$ to
+# $k\,(x + \frac12) - \frac12$.
 
 # %%
 R_new, t_new, A = turn_picture_here(*pose, K, np.deg2rad(25))
@@ -526,7 +530,7 @@ figure
 # An infrared camera has a lamp, here at its own centre. A matt surface of albedo $\rho$ that is at
 # the point $X$ and has the unit normal $n$ then has the brightness
 #
-# $$L = \rho\,P\,\frac{\max(0,\; n \cdot \ell)}{r^2} \qquad r = |X| \qquad \ell = -X / r$$
+# $$L = \rho\,\frac{\Phi}{r^2}\,\max(0,\; n \cdot l) \qquad r = |X| \qquad l = -X / r$$
 #
 # So near things are bright and far ones dark, whatever they are made of. With a depth image one
 # can undo that and recover the albedo. But not everywhere: which pixels do not tell it?
@@ -537,7 +541,7 @@ figure
 # | `depth` | (H, W) | z, not the distance; metres, 0 where it is not known |
 # | `normals` | (H, W, 3) | unit normals in the camera's frame, 0 where the depth is |
 # | `K` | (3, 3) | camera matrix |
-# | `power` | a number | $P$, the brightness of white that faces the lamp at 1 m |
+# | `power` | a number | $\Phi$, the brightness of white that faces the lamp at 1 m |
 # | `noise` | a number | standard deviation of the noise in `brightness` |
 # | **out** | (H, W) | albedo, or `nan` where it cannot be recovered |
 #
