@@ -50,7 +50,7 @@ draw.map_of_the_book()
 # | 2 | [Three small worlds](02_small_worlds.ipynb) | a renderer from one triangle on, and the data of all later chapters |
 # | 3 | Infrared to clouds | a point cloud from one infrared image |
 # | 4 | Points to pose | PointNet++, voting, and the pose of AR glasses on a head |
-# | 5 | Learnable rotations | what numbers a network should say for a rotation |
+# | 5 | [Learnable rotations](05_learnable_rotations.ipynb) | what numbers a network should say for a rotation |
 # | 6 | Poses as sets | all objects of an image at once |
 # | 7 | Rotation invariance | features that do not change when the object turns |
 # | 8 | Vector fields | PVNet, a loss in pixels, and knowing when to refine |
@@ -58,9 +58,10 @@ draw.map_of_the_book()
 # | 10 | The arena | every method on one test |
 #
 # Pages without a link are being written. Each chapter has exercises, and each exercise has a check
-# that answers at once: those of chapters [1](exercises/01_poses_and_cameras.ipynb) and
-# [2](exercises/02_small_worlds.ipynb), and their solutions, [1](solutions/01_poses_and_cameras.ipynb)
-# and [2](solutions/02_small_worlds.ipynb).
+# that answers at once: those of chapters [1](exercises/01_poses_and_cameras.ipynb),
+# [2](exercises/02_small_worlds.ipynb) and [5](exercises/05_learnable_rotations.ipynb), and their
+# solutions, [1](solutions/01_poses_and_cameras.ipynb), [2](solutions/02_small_worlds.ipynb) and
+# [5](solutions/05_learnable_rotations.ipynb).
 #
 # ## How to run it
 #

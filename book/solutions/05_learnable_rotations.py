@@ -145,7 +145,7 @@ assert torch.allclose(extra[mirrors], 4 * S[mirrors, 2])
 # | **out** | (3, 3) | gradient of the loss with respect to $M$ |
 #
 # Do not leave it to autograd: through the SVD it says NaN where two singular values are equal, and
-# wrong digits where they nearly are. Every rotation is such a matrix, and training leads there.
+# wrong digits where they nearly are. Every rotation is such a matrix.
 #
 # The picture shows what is expected. We walk from $M$ in some direction. The slope of the dashed
 # line is made of the gradient alone, and the line touches the loss. On the left $M$ is a random
@@ -367,8 +367,9 @@ if scale() == "book":
 
 # %% [markdown] tags=["solution"]
 # **Discussion.** The two vectors are not equals: $a$ keeps its direction, and $b$ is bent. An error
-# in $a$ turns both columns, an error in $b$ only one. Procrustes treats all numbers alike, and that
-# is perhaps why it is ahead of six numbers in the paper's Table IV.
+# in $a$ goes into $r_1$ whole, and part of it into $r_2$; an error in $b$ never reaches $r_1$.
+# Procrustes treats all numbers alike, and that is perhaps why it is ahead of six numbers in the
+# paper's Table IV.
 #
 # Rows or columns is a matter of taste, PyTorch3D takes rows. But weights that were trained with one
 # give the inverse rotation with the other.
@@ -405,7 +406,7 @@ def error_map(R, errors, axis=None):
     figure = figures.Picture(figsize=(7, 3.6), layout="constrained")
     figure.alt = "Map of all directions; the large errors lie in two spots opposite to each other"
     axes = figure.add_subplot(projection="mollweide")
-    look = {"s": 7, "cmap": "viridis_r", "vmin": 0, "vmax": 30}
+    look = {"s": 6, "lw": 0, "aa": False, "marker": "s", "cmap": "viridis_r", "clim": (0, 30)}
     dots = axes.scatter(torch.atan2(y, x), z.asin(), c=torch.rad2deg(errors[order]), **look)
     figure.colorbar(dots, label="error, degrees", shrink=0.7, extend="max")
     for end in () if axis is None else (axis, -axis):
