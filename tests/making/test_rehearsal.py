@@ -6,6 +6,7 @@ import importlib.util
 
 import nbformat
 import pytest
+import torch
 from nbclient import NotebookClient
 
 from book.making.contents import BOOK, find_page, pages
@@ -18,6 +19,15 @@ from posecore.book.parts import checks
 WITH_EXERCISES = [page for page in pages() if page.exercises]
 each_page = pytest.mark.parametrize("page", WITH_EXERCISES, ids=lambda page: page.name)
 CHAPTER = find_page("01")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def defaults():
+    """What a page sets for itself, no other test may meet."""
+    before = torch.get_default_dtype(), torch.get_num_threads()
+    yield
+    torch.set_default_dtype(before[0])
+    torch.set_num_threads(before[1])
 
 
 @functools.cache
