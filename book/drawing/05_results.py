@@ -112,7 +112,7 @@ def table_iv(numbers: Mapping[str, np.ndarray]) -> Picture:
     axes.plot([], [], "x", color=INK, ms=9, mew=1.8, label="the paper's")
     axes.set_xticks(range(len(names)), names)
     _degrees(axes, "y", [0.3, 1, 3, 10, 30, 100, 180])
-    axes.legend(fontsize=9, loc="upper right")
+    axes.legend(fontsize=9, loc="upper left")
     return figure
 
 
