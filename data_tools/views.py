@@ -211,25 +211,15 @@ class Dataset(ABC):
         return (self[i] for i in range(len(self)))
 
 
-# Where each kind of source is read: module and callable, imported when first opened. The callable
-# takes what follows the colon in the source (None if nothing does), `split` and the options.
-_READERS = {
-    "bop": "data_tools.bop.dataset:BopDataset",
-    "headset": "data_tools.worlds.headset:WORLD.open",
-    "tabletop": "data_tools.worlds.tabletop:WORLD.open",
-    "categories": "data_tools.worlds.categories:WORLD.open",
-}
-
-
 def open(source: str, *, split: str | None = None, **options: Any) -> Dataset:
     """Open a dataset by its name.
 
     Args:
         source: `"headset"`, `"tabletop"` or `"categories"`, a world, made on first use; or
-            `"bop:PATH"`, the folder of a dataset in the layout of the BOP benchmark.
+            `"bop:PATH"` and the like, the folder of a dataset: see `data_tools.readers`.
         split: which part of it, for example "train" or "test"; None takes the only one.
         options: what the reader of this kind of source takes besides: of a world `scale`, by
-            default the one in force (`data_tools.worlds.world.World.open`); or as `BopDataset`.
+            default the one in force (`data_tools.worlds.world.World.open`); or of the layout's reader.
 
     Raises:
         ValueError: if the source is of no known kind, or its reader refuses it.
@@ -237,9 +227,11 @@ def open(source: str, *, split: str | None = None, **options: Any) -> Dataset:
     if not isinstance(source, str):
         fail("source", "a string such as 'bop:PATH'", repr(source))
     kind, _, path = source.partition(":")
-    if kind not in _READERS:
-        fail("source", f"KIND or KIND:PATH with KIND one of {', '.join(_READERS)}", repr(source))
-    module, name = _READERS[kind].split(":")
+    # Its name is put together here, as a new reader is no reason to measure the old ones again.
+    readers = importlib.import_module(f"{__package__}.readers").READERS
+    if kind not in readers:
+        fail("source", f"KIND or KIND:PATH with KIND one of {', '.join(readers)}", repr(source))
+    module, name = readers[kind].split(":")
     reader = operator.attrgetter(name)(importlib.import_module(module))
     return reader(path or None, split=split, **options)
 

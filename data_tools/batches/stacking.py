@@ -201,15 +201,18 @@ class Stack:
         views: Tensor,
         size: int | tuple[int, int] | None = None,
         *,
+        boxes: Tensor | None = None,
         augment: Augmentation | None = None,
         generator: torch.Generator | None = None,
     ) -> Batch:
-        """A batch of whole images.
+        """A batch of whole images, or of windows of them.
 
         Args:
             views: (B,), or (B, n) from `groups`: then what there is for each image has two
                 dimensions in place of the first.
             size: (width, height) of the images, or one number for both; None for the data's.
+            boxes: (B, 4) x, y, width, height of the part of each view that is shown, made larger
+                where its sides have another ratio than `size`; None for the whole.
             augment: what is varied; None for nothing.
             generator: of the variations.
 
@@ -238,13 +241,18 @@ class Stack:
         """
         views = to_indices("views", views, len(self))
         flat = views.reshape(-1)
-        boxes = np.tile([0.0, 0.0, *self.size], (len(flat), 1))
         size = self.size if size is None else require_size("size", size)
+        if boxes is None:
+            windows = np.tile([0.0, 0.0, *self.size], (len(flat), 1))
+        else:
+            windows = widened(to_numbers("boxes", boxes), size, 1.0)
+        if len(windows) != len(flat):
+            fail("boxes", f"{len(flat)} of them, one a view", len(windows))
         first = torch.searchsorted(self.view, flat)
         last = torch.searchsorted(self.view, flat, right=True)
         image = torch.repeat_interleave(torch.arange(len(flat)), last - first)
         rows = torch.cat([torch.arange(a, b) for a, b in zip(first, last, strict=True)])
-        batch = make_batch(self, flat, boxes, size, rows, image, False, augment, generator)
+        batch = make_batch(self, flat, windows, size, rows, image, False, augment, generator)
         if views.ndim > 1:
             for name in batch.keys() - OF_OBJECTS:
                 batch[name] = batch[name].unflatten(0, views.shape)

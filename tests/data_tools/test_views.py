@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import data_tools
-from data_tools import Dataset, ObjectView, View, views
+from data_tools import Dataset, ObjectView, View, readers, views
 
 K = np.array([[500.0, 0, 4], [0, 500, 3], [0, 0, 1]])
 EYE = np.eye(3)
@@ -182,7 +182,7 @@ def test_a_data_set_is_iterated_as_often_as_asked_for():
 @given(path=st.none() | st.text(min_size=1), split=st.none() | st.text(), step=st.integers(1, 9))
 def test_open_hands_on_what_it_is_given(path, split, step):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(views._READERS, "numbers", f"{__name__}:Numbers")
+        patch.setitem(readers.READERS, "numbers", f"{__name__}:Numbers")
         patch.setitem(sys.modules, __name__, sys.modules[Numbers.__module__])
         source = "numbers" if path is None else f"numbers:{path}"
         dataset = data_tools.open(source, split=split, step=step)

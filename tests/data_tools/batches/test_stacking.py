@@ -246,6 +246,20 @@ def test_boxes_of_a_detector():
     assert np.allclose(batch["rgb"][0], image, atol=1e-6)
 
 
+@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 12), st.integers(0, 10)), min_size=1))
+def test_windows_are_parts_of_the_whole(corners):
+    stack = load([make_view(i, 2) for i in range(3)])
+    views = torch.tensor([view for view, _, _ in corners])
+    boxes = torch.tensor([[x, y, 16, 12] for _, x, y in corners])
+    windows, whole = stack.frames(views, (16, 12), boxes=boxes), stack.frames(views)
+    for i, (_, x, y) in enumerate(corners):
+        part = slice(y, y + 12), slice(x, x + 16)
+        assert np.allclose(windows["rgb"][i], whole["rgb"][i][:, *part], atol=1e-6)
+        assert windows["instance"][i].equal(whole["instance"][i][part])
+        assert np.allclose(windows["K"][i, :2, 2], whole["K"][i, :2, 2] - torch.tensor([x, y]))
+    assert windows["R"].equal(whole["R"])
+
+
 STACK = load([make_view(i, 2) for i in range(3)])
 SEVERAL = [make_view(0), make_view(1, rgb=np.zeros((24, 33, 3), np.uint8), objects=[])]
 KINDS = [make_view(0), make_view(1, rgb=None, ir=np.zeros((24, 32), np.uint8))]
@@ -263,6 +277,8 @@ BAD = [
     (lambda: STACK.frames([]), "views"),
     (lambda: STACK.frames([0.5]), "views"),
     (lambda: STACK.frames(ROWS, 0), "size"),
+    (lambda: STACK.frames(ROWS, boxes=torch.ones(3, 4)), "boxes"),
+    (lambda: STACK.frames(ROWS, boxes=torch.zeros(2, 4)), "boxes"),
     (lambda: STACK.frames(ROWS, augment=Augmentation()), "generator"),
     (lambda: STACK.frames(ROWS, augment=0.5), "augment"),
     (lambda: STACK.crops(torch.tensor([6])), "rows"),
