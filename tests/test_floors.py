@@ -13,6 +13,7 @@ FLOORS = {
     "nets": 3,
     "training": 4,
     "figures": 4, "book": 4,
+    "papers": 5,
 }  # fmt: skip
 MODULES = sorted(p for name in ("posecore", "data_tools") for p in (ROOT / name).rglob("*.py"))
 

@@ -1,0 +1,231 @@
+"""The figures of chapter 8's exercises."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Ellipse
+
+from posecore.figures import Picture, draw_keypoints, picture, picture_grid
+from posecore.figures.style import COLOURS, HALO, INK, STYLES, new_picture
+
+__all__ = [
+    "angles",
+    "crossings",
+    "errors",
+    "hypotheses",
+    "losses",
+    "overlaps",
+    "rays",
+    "same_look",
+    "spreads",
+    "votes",
+]
+
+
+def rays(cases: Mapping[str, np.ndarray], met: np.ndarray) -> Picture:
+    """Pairs of rays (4, 2): p, u, q, v; where they meet, and None where they do not."""
+    where = [title for title, point in zip(cases, met, strict=True) if np.isfinite(point).all()]
+    figure = new_picture(
+        8.6,
+        2.6,
+        f"{len(cases)} pairs of rays, each from a dot. They meet in: {', '.join(where)}. "
+        "In the others nothing is marked.",
+        "",
+    )
+    panels = figure.subplots(1, len(cases), sharex=True, sharey=True)
+    for axes, (title, (p, u, q, v)), point in zip(panels, cases.items(), met, strict=True):
+        for start, way, colour in ((p, u, COLOURS[0]), (q, v, COLOURS[1])):
+            axes.axline(start, start + way, color=colour, lw=0.8, ls=":")
+            end = start + 3 * way / np.hypot(*way)
+            axes.annotate("", end, start, arrowprops={"color": colour, "width": 2, "headwidth": 8})
+            axes.plot(*start, "o", color=colour, ms=7)
+        meet = np.isfinite(point).all()
+        if meet:
+            axes.plot(*point, "*", color=INK, ms=14, zorder=3)
+        axes.set_title(f"{title}:\n{'a point' if meet else 'nan, nan'}", fontsize=10)
+        axes.set(xlim=(-1, 9), ylim=(9, -1), aspect="equal", xlabel="x, px")
+    panels[0].set_ylabel("y, px")
+    return figure
+
+
+def crossings(angle: np.ndarray, off: np.ndarray) -> Picture:
+    """How far crossings (N,) are off, in pixels, over the angle of their rays, in degrees."""
+    order = np.argsort(angle)
+    tenths = np.array_split(order, 10)
+    figure = new_picture(
+        6.2,
+        3.6,
+        "Error of a crossing over the angle between its rays, both on log axes. The cloud falls "
+        f"from a median of {np.median(off[tenths[0]]):.0f} px for the smallest angles to "
+        f"{np.median(off[tenths[-1]]):.1f} px for the largest.",
+        "",
+    )
+    axes = figure.subplots()
+    axes.loglog(angle, off, ".", color="0.7", ms=2, label="a crossing")
+    middle = [np.median(angle[some]) for some in tenths], [np.median(off[some]) for some in tenths]
+    axes.loglog(*middle, "o-", color=COLOURS[0], label="median of a tenth of them")
+    axes.set(xlabel="angle between the rays, degrees", ylabel="error, px")
+    axes.legend(fontsize=9)
+    return figure
+
+
+def votes(photo: np.ndarray, points: np.ndarray, counts: np.ndarray, winner: np.ndarray) -> Picture:
+    """Hypotheses (H, 2) on the photograph, darker and larger the more votes they have."""
+    figure = picture(
+        photo,
+        width=5.6,
+        alt="Crossings lie all over the picture, small and pale. They grow darker and larger "
+        f"towards the tip of the spout, where one has {counts.max()} votes.",
+    )
+    axes = figure.axes[0]
+    order = np.argsort(counts)
+    share = counts[order] / max(counts.max(), 1)
+    look = {"cmap": "Greys", "vmin": -0.2, "vmax": 1, "edgecolors": INK, "linewidths": 0.4}
+    dots = axes.scatter(*points[order].T, c=share, s=4 + 40 * share**2, **look)
+    figure.colorbar(dots, label="votes, share of the most", shrink=0.8)
+    draw_keypoints(axes, winner[None], marker="x")
+    axes.set(xlim=(-0.5, photo.shape[1] - 0.5), ylim=(photo.shape[0] - 0.5, -0.5))
+    return figure
+
+
+def losses(degrees: np.ndarray, curves: Mapping[str, np.ndarray], alt: str) -> Picture:
+    """Losses (N,) over the angle of a predicted vector."""
+    figure = new_picture(6.2, 3.4, alt, "")
+    axes = figure.subplots()
+    for (name, values), colour, style in zip(curves.items(), COLOURS, STYLES, strict=False):
+        axes.plot(degrees, values, style, color=colour, lw=2, label=name)
+    axes.set(xlabel="predicted vector, degrees off", ylabel="loss", ylim=(0, None))
+    axes.legend(fontsize=9)
+    return figure
+
+
+def hypotheses(
+    photo: np.ndarray, clouds: Sequence[np.ndarray], found: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> Picture:
+    """Clouds of hypotheses (H, 2) on the photograph, with their means and 2-sigma ellipses."""
+    figure = picture(
+        photo,
+        width=5.6,
+        alt=f"{len(clouds)} clouds of crossings on the photograph, each in an ellipse. The "
+        "ellipses are long in the direction of the teapot's body.",
+    )
+    axes = figure.axes[0]
+    for points, (mean, covariance), colour in zip(clouds, found, COLOURS[1:], strict=False):
+        axes.plot(*points.T, ".", color=colour, ms=3, zorder=2)
+        _ellipse(axes, mean, covariance)
+    axes.set(xlim=(-0.5, photo.shape[1] - 0.5), ylim=(photo.shape[0] - 0.5, -0.5))
+    return figure
+
+
+def _ellipse(axes: Axes, mean: np.ndarray, covariance: np.ndarray) -> None:
+    """Of two standard deviations, so 86 % of a normal distribution are inside."""
+    variances, directions = np.linalg.eigh(covariance)
+    angle = np.degrees(np.arctan2(*directions[::-1, 1]))
+    long, short = 4 * np.sqrt(variances.clip(0)[::-1])
+    ring = Ellipse(mean, long, short, angle=angle, fill=False, ec=INK, lw=1.6, zorder=3)
+    ring.set_path_effects(HALO)
+    axes.add_patch(ring)
+    axes.plot(*mean, "+", color=INK, ms=9, mew=2, zorder=4, path_effects=HALO)
+
+
+def overlaps(
+    photo: np.ndarray,
+    mask: np.ndarray,
+    seen: Mapping[str, np.ndarray],
+    shares: Sequence[float],
+) -> Picture:
+    """Projected points (N, 2) of poses over a mask (H, W): full dots inside it, hollow outside."""
+    pale = np.where(mask[..., None], photo, (255 + photo.astype(int)) // 2).astype(np.uint8)
+    titles = [f"{name}: {share:.2f}" for name, share in zip(seen, shares, strict=True)]
+    figure = picture_grid(
+        [pale] * len(seen),
+        titles,
+        columns=2,
+        width=7.4,
+        alt="The teapot's points in several poses over the part of it that is seen. Overlaps are: "
+        + ", ".join(titles)
+        + ".",
+    )
+    height, width = mask.shape
+    for axes, pixels in zip(figure.axes, seen.values(), strict=False):
+        column, row = np.round(np.clip(pixels, -1, 1e4)).astype(int).T
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        inside[inside] = mask[row[inside], column[inside]]
+        axes.plot(*pixels[inside].T, "o", color=COLOURS[4], mec=INK, mew=0.4, ms=3.4)
+        axes.plot(*pixels[~inside].T, "o", mfc="none", mec=INK, mew=0.7, ms=3.4)
+        axes.contour(mask, [0.5], colors="white", linewidths=1.2)
+        axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+    return figure
+
+
+def spreads(share: np.ndarray, curves: Mapping[str, np.ndarray], threshold: float) -> Picture:
+    """Overlaps over the hidden share of the object, and the threshold of the rule."""
+    figure = new_picture(
+        6.2,
+        3.4,
+        "Overlap over the hidden share of the object. That of the true pose falls along a straight "
+        "line from 1 to 0; that of a pose at twice the distance stays at 1 for long.",
+        "",
+    )
+    axes = figure.subplots()
+    for (name, values), colour, style in zip(curves.items(), COLOURS, STYLES, strict=False):
+        axes.plot(share, values, style, color=colour, lw=2, label=name)
+    axes.axhline(threshold, color="0.5", lw=1)
+    axes.text(1, threshold + 0.02, "refine above", ha="right", color="0.3")
+    axes.set(xlabel="hidden share of the object", ylabel="overlap", ylim=(0, 1.08))
+    axes.legend(fontsize=9, loc="lower left")
+    return figure
+
+
+def same_look(
+    photos: Sequence[np.ndarray], keypoints: Sequence[np.ndarray], mean: np.ndarray
+) -> Picture:
+    """Pictures that are the same with different keypoints (K, 2), and the mean of many of these."""
+    figure = picture_grid(
+        [*photos, photos[0]],
+        [*(f"label {number + 1}" for number in range(len(photos))), "mean of all labels"],
+        columns=len(photos) + 1,
+        width=8.6,
+        alt="Pictures of a vase that are the same, with keypoints on its surface that are not. In "
+        "the last one the mean keypoints: all lie on the vase's axis, on one line.",
+    )
+    for axes, points in zip(figure.axes, [*keypoints, mean], strict=False):
+        draw_keypoints(axes, points, numbers=True)
+    return figure
+
+
+def errors(found: Mapping[str, np.ndarray]) -> Picture:
+    """The share of test poses below an ADD-S, in diameters; grey is what is asked for."""
+    good = {name: (values < 0.1).mean() for name, values in found.items()}
+    said = ", ".join(f"{share:.0%} with {name}" for name, share in good.items())
+    figure = new_picture(6.4, 3.5, f"Share of poses over ADD-S. Below 0.1 diameters: {said}.", "")
+    axes = figure.subplots()
+    axes.fill_between([0.005, 0.1], 0.95, 1.02, color="0.75", label="expected: to pass here")
+    for (name, values), colour, style in zip(found.items(), COLOURS, STYLES, strict=False):
+        share = np.arange(1, len(values) + 1) / len(values)
+        axes.step(np.sort(values).clip(0.005, 20), share, style, color=colour, lw=2, label=name)
+    axes.axvline(0.1, color=INK, lw=0.8)
+    axes.set(xscale="log", xlim=(0.005, 20), ylim=(0, 1.02))
+    axes.set(xlabel="ADD-S, diameters", ylabel="share of poses below")
+    axes.legend(fontsize=9, loc="center left")
+    return figure
+
+
+def angles(degrees: np.ndarray, curves: Mapping[str, np.ndarray]) -> Picture:
+    """How far answers turn in one step of a walk, degrees, over where the axis points."""
+    figure = new_picture(
+        6.4,
+        3.4,
+        "Steps of the answers over the lean of an object that moves by 2 degrees a step. "
+        + " ".join(
+            f"{name}: at most {values.max():.0f} degrees." for name, values in curves.items()
+        ),
+        "",
+    )
+    axes = figure.subplots()
+    for (name, values), colour, style in zip(curves.items(), COLOURS, STYLES, strict=False):
+        axes.semilogy(degrees, values, style, color=colour, lw=2, label=name)
+    axes.set(xlabel="lean of the object, degrees", ylabel="step of the answer, degrees")
+    axes.legend(fontsize=9)
+    return figure

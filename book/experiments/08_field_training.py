@@ -1,0 +1,102 @@
+"""How chapter 8 trains and tests: three objects of `tabletop` in one network.
+
+A duck, a vase, which looks the same from all sides, and a teapot. Networks are trained on windows
+of the `train` split and tested on whole images of other tables, `easy` and `occluded`.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import data_tools
+from data_tools import batches
+from posecore.book.checkpoints import resume_folder
+from posecore.papers.vector_field.learning import Objective, Windows
+from posecore.papers.vector_field.losses import VectorFieldLoss
+from posecore.papers.vector_field.models import ObjectModel, object_models
+from posecore.papers.vector_field.network import VectorFieldNet
+from posecore.scale import choose
+from posecore.training import History, fit, seeded
+
+__all__ = [
+    "NAMES",
+    "OBJECTS",
+    "VARIED",
+    "models",
+    "new_net",
+    "stack",
+    "train_net",
+    "width",
+]
+
+OBJECTS = (1, 3, 5)
+NAMES = ("duck", "vase", "teapot")
+VARIED = batches.Augmentation()
+
+
+@lru_cache(maxsize=4)
+def stack(split: str) -> batches.Stack:
+    """A split of `tabletop` at the scale in force."""
+    return batches.load(data_tools.open("tabletop", split=split), progress=False)
+
+
+@lru_cache(maxsize=1)
+def models() -> list[ObjectModel]:
+    """The three objects: 2000 points of each surface, and nine keypoints."""
+    return object_models(data_tools.open("tabletop", split="easy").models(), OBJECTS)
+
+
+def width() -> int:
+    """Channels of the first layer, at the scale in force; the paper's ResNet-18 has 64."""
+    return choose(tiny=8, book=16, paper=64)
+
+
+def new_net(seed: int = 0) -> VectorFieldNet:
+    """The network of the scale in force, with its first weights."""
+    with seeded(seed):
+        return VectorFieldNet(len(OBJECTS), width=width())
+
+
+def train_net(
+    projection: str = "pixel",
+    weight: float | str = "dynamic",
+    *,
+    seed: int = 0,
+    steps: int,
+    show: bool | None = False,
+    keep: bool = True,
+) -> tuple[VectorFieldNet, History]:
+    """A network, trained with a loss.
+
+    Args:
+        projection, weight: as for `VectorFieldLoss`.
+        seed: of weights and windows.
+        steps: windows are 16 a step.
+        show: as for `fit`.
+        keep: whether a training that was stopped goes on, and a finished one is found again.
+    """
+    net = new_net(seed)
+    windows = Windows(
+        stack("train"),
+        models(),
+        steps=steps,
+        count=choose(tiny=4, book=16, paper=32),
+        size=choose(tiny=64, book=128, paper=256),
+        seed=seed,
+        augment=VARIED,
+    )
+    history = fit(
+        net,
+        windows,
+        Objective(models(), VectorFieldLoss(projection, weight)),
+        steps=steps,
+        lr=2e-3,
+        schedule="cosine",
+        clip=10.0,
+        seed=seed,
+        device="cpu",
+        resume=resume_folder(train_net, projection, weight, seed, steps) if keep else None,
+        recipe={"projection": projection, "weight": weight},
+        show=show,
+    )
+    return net, history

@@ -1,0 +1,1 @@
+"""The papers: one subpackage or file per system."""

@@ -1,0 +1,123 @@
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from data_tools.linemod.folders import (
+    NAMES,
+    Numbered,
+    ObjectFolder,
+    find_objects,
+    read_numbers_of,
+    require_file,
+)
+
+
+def layout(root: Path, *folders: str) -> Path:
+    root.mkdir()
+    for folder in folders:
+        (root / folder).mkdir(parents=True)
+    return root
+
+
+def test_the_thirteen_objects():
+    assert sorted(NAMES) == [1, 2, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15]
+    assert (NAMES[6], NAMES[8], NAMES[15]) == ("cat", "driller", "phone")
+
+
+def test_layouts_are_told_apart(tmp_path):
+    pvnet = layout(tmp_path / "a", "duck/JPEGImages", "ape/JPEGImages", "fuse", "renders/ape")
+    assert find_objects(pvnet) == {
+        1: ObjectFolder(1, "ape", pvnet / "ape", "pvnet"),
+        9: ObjectFolder(9, "duck", pvnet / "duck", "pvnet"),
+    }
+    assert list(find_objects(pvnet)) == [1, 9], "in the order of the ids, not of the names"
+    fusion = layout(
+        tmp_path / "b", "data/06/rgb", "data/03/rgb", "models", "segnet_results/06_label"
+    )
+    for path in (fusion, fusion / "data", fusion / "data/06"):
+        assert find_objects(path) == {
+            6: ObjectFolder(6, "cat", fusion / "data/06", "densefusion"),
+        }
+    own = layout(tmp_path / "mug", "rgb", "mask", "pose")
+    assert find_objects(own) == {1: ObjectFolder(1, "mug", own, "own")}
+    (layout(tmp_path / "06", "rgb") / "camera.txt").touch()  # an own object with an odd name
+    assert find_objects(tmp_path / "06")[1].layout == "own"
+
+
+@pytest.mark.parametrize("folders", [(), ("renders",), ("dog/JPEGImages",), ("data/03/rgb",)])
+def test_folders_that_hold_nothing(tmp_path, folders):
+    with pytest.raises(ValueError, match="path: expected the folder of an object"):
+        find_objects(layout(tmp_path / "x", *folders))
+
+
+def test_numbered_files(tmp_path):
+    names = [
+        "0012.png",
+        "pose7.npy",
+        "000003_label.png",
+        "5.jpg",
+        "cat.png",
+        "5_depth.png",
+        "1_2.png",
+    ]
+    for name in names:
+        (tmp_path / name).touch()
+    files = Numbered(tmp_path)
+    assert files.numbers == [3, 5, 12]
+    assert files[12] == tmp_path / "0012.png" and files[3] == tmp_path / "000003_label.png"
+    assert Numbered(tmp_path, (".npy",)).numbers == [7]
+    with pytest.raises(ValueError, match="no file of image 7"):
+        files[7]
+
+
+@given(
+    lines=st.lists(
+        st.tuples(
+            st.integers(0, 10**6),
+            st.sampled_from(["{}", "{:06d}.jpg", "{:04d}", "LINEMOD/cat/JPEGImages/{:06d}.jpg"]),
+        ),
+        min_size=1,
+        unique_by=lambda line: line[0],
+    ),
+    end=st.sampled_from(["\n", "\r\n"]),
+    last=st.booleans(),
+)
+def test_lists_keep_their_order(tmp_path_factory, lines, end, last):
+    path = tmp_path_factory.mktemp("list") / "train.txt"
+    text = end.join(form.format(number) for number, form in lines) + end * last
+    path.write_bytes(text.encode())
+    assert read_numbers_of(path) == [number for number, _ in lines]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1\n2\n01", "line 3: image 01 is on line 1 already"),
+        ("a/1.jpg\nb/1.jpg", "line 2: image 1 is on line 1 already"),
+        ("1 2", "line 1: expected an image, got '1 2'"),
+        ("-1", "line 1: expected an image"),
+        ("1.5", "line 1: expected an image"),
+        ("cat/", "line 1: expected an image"),
+        ("1\n\n2", "line 2: expected an image, got ''"),
+        ("\n\n", "no images in this list"),
+        ("", "empty file"),
+        ("١", "no list of images"),
+    ],
+)
+def test_bad_lists_are_refused(tmp_path, text, message):
+    path = tmp_path / "train.txt"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=message) as refused:
+        read_numbers_of(path)
+    assert str(refused.value).startswith(str(path))
+
+
+def test_files_that_are_not_there(tmp_path):
+    for call in (require_file, read_numbers_of):
+        with pytest.raises(ValueError, match=r"train\.txt: no such file"):
+            call(tmp_path / "train.txt")
+    with pytest.raises(ValueError, match="mask: no such folder"):
+        Numbered(tmp_path / "mask")
+    assert require_file(Path(__file__)) == Path(__file__)
