@@ -1,4 +1,4 @@
-"""The command line: `python -m posecore evaluate ESTIMATES.csv GROUND_TRUTH --models DIR`."""
+"""The command line: `python -m posecore evaluate | train | estimate`."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-# The one module of posecore that may know data_tools: it joins files with metrics.
+# With posecore.commands the one place that may know data_tools: it joins files with metrics.
 import data_tools
 from data_tools.bop import Models, read_results
 from data_tools.bop.files import read_json, read_number
+from data_tools.storage import MakingError
 from posecore import figures, rotations
 from posecore.arrays import fail
+from posecore.commands import vector_field
 from posecore.files import write_bytes
 from posecore.metrics import evaluation, report
 from posecore.metrics.pose_table import PoseTable
@@ -57,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         try:
             options.command(options)
-        except (ValueError, OSError) as error:
+        except (ValueError, OSError, MakingError) as error:
             print(f"error: {error}", file=sys.stderr)
             return 2
     return 0
@@ -100,6 +102,12 @@ def _parser() -> argparse.ArgumentParser:
         "--curve", metavar="FILE", help="draw the accuracy curve of ADD(-S): .png, .pdf or .svg"
     )
     command.add_argument("--json", metavar="FILE", help="write all values, unrounded")
+    for name, text, add in (
+        ("train", "train a method", vector_field.add_train),
+        ("estimate", "estimate poses with what was trained", vector_field.add_estimate),
+    ):
+        command = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
+        add(command.add_subparsers(required=True, metavar="METHOD"))
     return parser
 
 

@@ -81,7 +81,7 @@ def votes(photo: np.ndarray, points: np.ndarray, counts: np.ndarray, winner: np.
     axes = figure.axes[0]
     order = np.argsort(counts)
     share = counts[order] / max(counts.max(), 1)
-    look = {"cmap": "Greys", "vmin": -0.2, "vmax": 1, "edgecolors": INK, "linewidths": 0.4}
+    look = {"cmap": "Greys", "vmin": 0, "vmax": 1, "edgecolors": INK, "linewidths": 0.4}
     dots = axes.scatter(*points[order].T, c=share, s=4 + 40 * share**2, **look)
     figure.colorbar(dots, label="votes, share of the most", shrink=0.8)
     draw_keypoints(axes, winner[None], marker="x")
@@ -96,7 +96,7 @@ def losses(degrees: np.ndarray, curves: Mapping[str, np.ndarray], alt: str) -> P
     for (name, values), colour, style in zip(curves.items(), COLOURS, STYLES, strict=False):
         axes.plot(degrees, values, style, color=colour, lw=2, label=name)
     axes.set(xlabel="predicted vector, degrees off", ylabel="loss", ylim=(0, None))
-    axes.legend(fontsize=9)
+    axes.legend(fontsize=9, loc="lower center", bbox_to_anchor=(0.5, 1), ncols=3, frameon=False)
     return figure
 
 
@@ -164,8 +164,8 @@ def spreads(share: np.ndarray, curves: Mapping[str, np.ndarray], threshold: floa
     figure = new_picture(
         6.2,
         3.4,
-        "Overlap over the hidden share of the object. That of the true pose falls along a straight "
-        "line from 1 to 0; that of a pose at twice the distance stays at 1 for long.",
+        "Overlap over the hidden share of the object. "
+        + " ".join(f"{name}: from {ys[0]:.2f} to {ys[-1]:.2f}." for name, ys in curves.items()),
         "",
     )
     axes = figure.subplots()
@@ -208,7 +208,7 @@ def errors(found: Mapping[str, np.ndarray]) -> Picture:
     axes.axvline(0.1, color=INK, lw=0.8)
     axes.set(xscale="log", xlim=(0.005, 20), ylim=(0, 1.02))
     axes.set(xlabel="ADD-S, diameters", ylabel="share of poses below")
-    axes.legend(fontsize=9, loc="center left")
+    axes.legend(fontsize=9, loc="lower right")
     return figure
 
 
@@ -227,5 +227,8 @@ def angles(degrees: np.ndarray, curves: Mapping[str, np.ndarray]) -> Picture:
     for (name, values), colour, style in zip(curves.items(), COLOURS, STYLES, strict=False):
         axes.semilogy(degrees, values, style, color=colour, lw=2, label=name)
     axes.set(xlabel="lean of the object, degrees", ylabel="step of the answer, degrees")
+    axes.set_yticks([2, 5, 10, 20, 50, 100, 180], labels=[2, 5, 10, 20, 50, 100, 180])
+    axes.minorticks_off()
+    axes.set_ylim(1.5, 200)
     axes.legend(fontsize=9)
     return figure

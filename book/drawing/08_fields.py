@@ -162,25 +162,25 @@ def hidden(
 
 
 def patches(
-    views: dict[str, View], x: dict[str, np.ndarray], seen: dict[str, np.ndarray]
+    views: dict[str, View], x: dict[str, np.ndarray], free: dict[str, np.ndarray]
 ) -> Picture:
     """What lies around each keypoint in several pictures, in windows of an eighth of the height.
 
     Args:
         views: by title.
         x: title -> (K, 2) keypoints.
-        seen: title -> (K,) bool.
+        free: title -> (K,) bool, not behind another thing.
     """
     count = len(next(iter(x.values())))
     said = "; ".join(
-        f"{title}, hidden: {', '.join(str(k) for k in np.flatnonzero(~see)) or 'none'}"
-        for title, see in seen.items()
+        f"{title}, covered: {', '.join(str(k) for k in np.flatnonzero(~free[title])) or 'none'}"
+        for title in views
     )
     figure = new_picture(
         9.4,
         2.5,
         f"Small windows around each of {count} keypoints, one row for each picture. In the first "
-        "row parts of the teapot: spout, handle, knob. In the second, windows of hidden keypoints, "
+        "row parts of the teapot: spout, handle, lid. In the second, windows of covered keypoints, "
         f"with dashed frames, show an egg box or a can in their place. {said}.",
         "",
     )
@@ -194,7 +194,7 @@ def patches(
             axes.imshow(part, interpolation="nearest")
             axes.plot(half, half, "+", color="white", ms=9, mew=1.6, path_effects=HALO)
             axes.set(xticks=[], yticks=[])
-            if not seen[title][k]:
+            if not free[title][k]:
                 axes.spines[:].set(color=COLOURS[1], linewidth=3, linestyle="--")
             if number == 0:
                 axes.set_title(str(k), fontsize=11)

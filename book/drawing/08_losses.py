@@ -3,13 +3,17 @@
 from collections.abc import Mapping
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 
 from posecore.figures import Picture
 from posecore.figures.style import COLOURS, HALO, INK, STYLES, new_picture
 
 __all__ = ["angles", "one_angle", "planes", "projection", "schedule", "small_fields"]
 
+# Without the brightest part, on which white arrows would be lost.
+DARK = ListedColormap(colormaps["viridis"](np.linspace(0, 0.8, 256)))
 ARROW = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "mutation_scale": 15}
 
 
@@ -81,7 +85,7 @@ def projection(p: np.ndarray, g: np.ndarray) -> Picture:
                       textcoords="offset points", color=COLOURS[1], fontsize=11)  # fmt: skip
         axes.plot(0, 0, "s", color=INK, ms=7)
         axes.plot(*g, "o", color=INK, ms=8)
-        axes.annotate("keypoint", g, xytext=(0, -14), textcoords="offset points", ha="center")
+        axes.annotate("keypoint", g, xytext=(2, -17), textcoords="offset points", ha="center")
         axes.set_title(title, fontsize=11)
         reach = np.abs(g[0])
         axes.set(xlim=(-0.45 * reach, 1.4 * reach), ylim=(13, -19), aspect="equal")
@@ -104,19 +108,19 @@ def planes(
     panels = figure.subplots(1, len(landscapes), squeeze=False)[0]
     some = np.arange(len(x) // 20, len(x), len(x) // 10)
     for axes, (name, (height, downhill)) in zip(panels, landscapes.items(), strict=True):
-        bands = axes.contourf(x, x, height, levels=10, cmap="viridis", antialiased=False)
+        bands = axes.contourf(x, x, height, levels=10, cmap=DARK, antialiased=False)
         axes.contour(x, x, height, levels=10, colors="k", linewidths=0.5, antialiased=False)
         way = downhill[np.ix_(some, some)]
         way = way / np.linalg.norm(way, axis=-1, keepdims=True).clip(1e-9)
-        axes.quiver(x[some], x[some], *way.transpose(2, 0, 1), color="white", ec="k", lw=0.5,
-                    scale=16, width=0.012, pivot="mid", antialiased=False)  # fmt: skip
+        axes.quiver(x[some], x[some], *way.transpose(2, 0, 1), color="white",
+                    angles="xy", scale=16, width=0.012, pivot="mid")  # fmt: skip
         axes.plot(0, 0, "s", color="white", mec=INK, ms=6)
         axes.plot(1, 0, "o", color=COLOURS[1], mec="white", ms=9)
         axes.plot(-1, 0, "X", color=COLOURS[1], mec="white", ms=9)
         axes.annotate(r"$\hat g$", (1, 0), xytext=(8, 6), textcoords="offset points",
                       color=COLOURS[1], path_effects=HALO, fontsize=12)  # fmt: skip
         axes.set_title(name, fontsize=11)
-        axes.set(aspect="equal", xlabel="$p_x$", ylabel="$p_y$", xlim=x[[0, -1]], ylim=x[[0, -1]])
+        axes.set(aspect="equal", xlabel="$p_x$", ylabel="$p_y$", xlim=x[[0, -1]], ylim=x[[-1, 0]])
         axes.set(xticks=[-1, 0, 1], yticks=[-1, 0, 1])
         figure.colorbar(bands, ax=axes, label="loss", shrink=0.85)
     return figure
@@ -196,8 +200,8 @@ def small_fields(
     away = {name: ((keypoint - points) * p).sum(-1) < 0 for name, p in vectors.items()}
     said = "; ".join(f"{name}: {100 * a.mean():.0f} % point away" for name, a in away.items())
     figure = new_picture(
-        2.5 * len(vectors),
-        2.9,
+        2.4 * len(vectors),
+        2.6,
         "Round objects full of arrows, one for each training. Blue arrows point to the keypoint, "
         f"a black dot; orange ones with a dot at their tail point away from it. {said}.",
         "",
@@ -209,13 +213,13 @@ def small_fields(
         way = p / np.linalg.norm(p, axis=-1, keepdims=True).clip(1e-9)
         for part, colour in ((~away[name], COLOURS[0]), (away[name], COLOURS[1])):
             if part.any():
-                axes.quiver(*points[part].T, *way[part].T, color=colour, angles="xy", scale=14,
+                axes.quiver(*points[part].T, *way[part].T, color=colour, angles="xy", scale=15,
                             width=0.011, headwidth=4.5, headlength=4.5)  # fmt: skip
-        axes.plot(*points[away[name]].T, ".", color=COLOURS[1], ms=3.5)
+        axes.plot(*points[away[name]].T, ".", color=COLOURS[1], ms=6)
         axes.plot(*keypoint, "o", color=INK, mec="white", ms=9)
         axes.set_title(name, fontsize=10)
-        axes.set(aspect="equal", xlim=(-1.25 * radius, 1.25 * radius))
-        axes.set(ylim=(1.25 * radius, -1.25 * radius))
+        axes.set(aspect="equal", xlim=(-1.15 * radius, 1.15 * radius))
+        axes.set(ylim=(1.15 * radius, -1.15 * radius))
         axes.axis("off")
     return figure
 

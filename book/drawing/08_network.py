@@ -6,10 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
+from posecore.book.parts import drawing
 from posecore.figures import Picture, picture
 from posecore.figures.style import COLOURS, HALO, INK, new_picture
 
 __all__ = ["dilation", "hourglass", "seen_squares"]
+
+quiet = drawing("02_light").quiet
 
 
 def hourglass(maps: Mapping[str, tuple[int, int, int]], skips: Mapping[str, str]) -> Picture:
@@ -83,7 +86,7 @@ def seen_squares(
     said = "; ".join(f"{n}: {a}" + (f", {b} undilated" * (a != b)) for n, (a, b) in sides.items())
     height, width = image.shape[:2]
     figure = picture(
-        image,
+        quiet([image], 40)[0],
         width=5.6,
         alt="A frame with things on a table. Squares around one pixel show what reaches it, side "
         f"in pixels after each stage. {said}. The largest goes far beyond the frame.",
@@ -92,14 +95,14 @@ def seen_squares(
     x, y = centre
     for number, (name, (side, plain)) in enumerate(sides.items()):
         colour = COLOURS[number % len(COLOURS)]
-        for edge, style in {side: "-", plain: ":"}.items():
+        for edge, style in ((plain, ":"), (side, "-")):
             corner = (x - edge / 2, y - edge / 2)
             axes.add_patch(Rectangle(corner, edge, edge, fc="none", ec="white", lw=3.4))
             axes.add_patch(Rectangle(corner, edge, edge, fc="none", ec=colour, lw=1.8, ls=style))
-        axes.text(x, y - side / 2 + 3, f"{name}, {side} px", color=colour, ha="center", va="top",
-                  fontsize=9, fontweight="bold", path_effects=HALO)  # fmt: skip
+        axes.text(x, y - side / 2 - 3, f"{name}, {side} px", color=colour, ha="center",
+                  va="bottom", fontsize=9, fontweight="bold", path_effects=HALO)  # fmt: skip
     axes.plot(x, y, "o", color=INK, mec="white", ms=7)
-    reach = max(side for side, _ in sides.values()) / 2 + 6
+    reach = max(side for side, _ in sides.values()) / 2 + 24
     axes.set(xlim=(min(-6, x - reach), max(width + 5, x + reach)))
     axes.set(ylim=(max(height + 5, y + reach), min(-6, y - reach)))
     return figure

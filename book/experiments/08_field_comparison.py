@@ -42,7 +42,7 @@ __all__ = [
 ]
 
 SPLITS = ("easy", "occluded")
-STEPS = {"tiny": 20, "book": 3000, "paper": 250_000}
+STEPS = {"tiny": 20, "book": 2000, "paper": 250_000}
 LOSSES = {
     "none": ("none", 0.0),
     "pixel": ("pixel", "dynamic"),

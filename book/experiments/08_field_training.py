@@ -60,6 +60,8 @@ def new_net(seed: int = 0) -> VectorFieldNet:
 def train_net(
     projection: str = "pixel",
     weight: float | str = "dynamic",
+    begin: float = 0.0,
+    forward_only: bool = False,
     *,
     seed: int = 0,
     steps: int,
@@ -69,7 +71,7 @@ def train_net(
     """A network, trained with a loss.
 
     Args:
-        projection, weight: as for `VectorFieldLoss`.
+        projection, weight, begin, forward_only: as for `VectorFieldLoss`.
         seed: of weights and windows.
         steps: windows are 16 a step.
         show: as for `fit`.
@@ -85,18 +87,20 @@ def train_net(
         seed=seed,
         augment=VARIED,
     )
+    loss = VectorFieldLoss(projection, weight, begin, forward_only)
+    recipe = {"projection": projection, "weight": weight, "begin": begin, "forward": forward_only}
     history = fit(
         net,
         windows,
-        Objective(models(), VectorFieldLoss(projection, weight)),
+        Objective(models(), loss),
         steps=steps,
         lr=2e-3,
         schedule="cosine",
         clip=10.0,
         seed=seed,
         device="cpu",
-        resume=resume_folder(train_net, projection, weight, seed, steps) if keep else None,
-        recipe={"projection": projection, "weight": weight},
+        resume=resume_folder(train_net, *recipe.values(), seed, steps) if keep else None,
+        recipe=recipe,
         show=show,
     )
     return net, history

@@ -219,11 +219,11 @@ assert torch.allclose(lines[meet], crossings[meet], rtol=1e-6)
 # - If $h$ is on the pixel itself, there is no direction, and the pixel is no inlier. A vector of
 #   length 0 votes for nothing.
 #
-# The picture shows what is expected: 400 crossings, and where most of the votes are.
+# The picture shows what is expected: 200 crossings, and where most of the votes are.
 
 # %%
 points = crossings[meet]
-points = points[((points > 0) & (points < torch.tensor(size))).all(1)][:400]
+points = points[((points > 0) & (points < torch.tensor(size))).all(1)][:200]
 counts = checks.count_inliers(pixels, vectors, points, 0.99)
 draw.votes(photo, points.numpy(), counts.numpy(), points[counts.argmax()].numpy())
 
@@ -267,22 +267,46 @@ best = points[counts.argmax()]
 assert (best - keypoint).norm() < 8
 
 # %% [markdown]
-# The winner is one crossing of two noisy rays. The library goes on: all who voted for it together
-# know better.
+# The winner is one crossing of two noisy rays: its error is a matter of luck. The library goes on
+# as PVNet does. It takes all who voted for the winner, and the point of least squares of their
+# lines. Is that better? Draw the pairs anew, eight times:
 
 # %%
-votes = voting.vote_pixels(pixels, vectors[:, None])
-refined = votes.points[0]
-print(f"the winner is {(best - keypoint).norm():.1f} px off", end="")
-print(f", its voters' least squares {(refined - keypoint).norm():.1f} px")
-assert (refined - keypoint).norm() < 2
+middle = pixels.mean(0)
+draws = [voting.vote_pixels(pixels, vectors[:, None], seed=seed) for seed in range(8)]
+winners = torch.stack([votes.hypotheses[0][votes.weights[0].argmax()] for votes in draws])
+refined = torch.stack([votes.points[0] for votes in draws])
+for name, points_found in (("winner", winners), ("least squares", refined)):
+    off_by = (points_found - keypoint).norm(dim=1)
+    print(f"{name:13s} {off_by.min():.1f} to {off_by.max():.1f} px off", end="")
+    pull = F.cosine_similarity(points_found - keypoint, middle - keypoint)
+    print(f", {int((pull > 0.9).sum())} of 8 times towards the teapot's middle")
+assert refined.std(0).norm() < winners.std(0).norm() / 2
 
 # %% [markdown] tags=["solution"]
 # **Discussion.** $\theta = 0.99$ allows 8 degrees. That is 1 px for a pixel 7 px away, and 14 px
 # for one at 100 px: a count in angles trusts the near pixels, and a hypothesis is only as good as
-# its two rays. So the winner only says *who is to be believed*; the least squares of these lines
-# give the keypoint.
+# its two rays. So the winner says *who is to be believed*. The least squares of their lines no
+# longer depend on the draw.
 #
+# But they are off, always to the same side. Every line is turned a little, and lines that are
+# turned pass nearer to their own pixels than to the keypoint. So the point that is nearest to all
+# of them lies too near to the object. Statistics calls it errors in variables. It grows faster
+# than the noise. To minimise *angles* in the place of distances removes it:
+
+# %% tags=["solution"]
+x = refined[0]
+for _ in range(5):  # Gauss-Newton
+    way = x - pixels
+    sides = (way * vectors).sum(1), vectors[:, 0] * way[:, 1] - vectors[:, 1] * way[:, 0]
+    off_by = torch.atan2(sides[1], sides[0])  # the angle from the vector to the way
+    J = torch.stack([-way[:, 1], way[:, 0]], 1) / way.square().sum(1, keepdim=True)
+    voters = off_by.abs() < np.arccos(0.99)
+    x = x - torch.linalg.lstsq(J[voters], off_by[voters, None]).solution[:, 0]
+print(f"least squares of angles: {(x - keypoint).norm():.2f} px off")
+assert (x - keypoint).norm() < 0.3
+
+# %% [markdown] tags=["solution"]
 # `F.normalize` divides by `max(length, 1e-12)`, so a zero stays a zero and its cosine is 0. In C
 # the same is done without a division: $(h - p) \cdot v > \theta\,\lVert h - p\rVert$ for unit $v$.
 # There 0 > 0 is false. Beware of squaring both sides: it forgets the sign.
@@ -372,14 +396,15 @@ assert gradients[1] > 100 * gradients[0]
 # | in | shape | |
 # |---|---|---|
 # | `target` | (N, 2) | from each pixel to its keypoint, never 0; N may be 0 |
-# | **out** | (N, 2) | vectors of length 1, each more than 90 degrees off, with a projection loss of 0 |
+# | **out** | (N, 2) | vectors of length 1, all more than 90 degrees off, with a loss of 0 |
 
 
 # %%
 def blind_prediction(target):
     """Vectors (N, 2) of length 1, all of them wrong, on which the projection loss is 0.
 
-    >>> F.cosine_similarity(blind_prediction(torch.tensor([[3.0, 4]])), torch.tensor([[3.0, 4]])) < 0
+    >>> target = torch.tensor([[3.0, 4]])
+    >>> F.cosine_similarity(blind_prediction(target), target) < 0
     tensor([True])
     """
     ### BEGIN SOLUTION
@@ -455,7 +480,7 @@ draw.losses(degrees.numpy(), curves, alt)
 
 # %%
 def cloud(point, count=300):
-    """Crossings (count, 2) of rays that point to a point with 2 degrees of noise, and their votes."""
+    """Crossings (count, 2) of rays with 2 degrees of noise that point to a point; their votes."""
     to_point = point - pixels
     angle = torch.atan2(to_point[:, 1], to_point[:, 0])
     angle = angle + torch.deg2rad(2 * torch.randn(len(pixels), generator=generator))
@@ -510,7 +535,6 @@ answer
 # An ellipse knows more than a radius. In which direction is a keypoint least sure?
 
 # %%
-middle = pixels.mean(0)
 for name, (points, votes) in zip(("handle", "spout", "knob"), found, strict=True):
     mean, covariance = mean_and_covariance_here(points, votes)
     variances, directions = torch.linalg.eigh(covariance)
@@ -612,17 +636,19 @@ for column in columns:
     for name, values in curves.items():
         values.append(overlap_here(model, *estimates[name], K, left))
 curves = {name: np.array(values) for name, values in curves.items()}
-assert curves["true pose"][0] > 0.95 and curves["twice as far"][0] == 1
+assert curves["true pose"][0] > 0.9 and curves["twice as far"][0] > 0.9
 assert (np.diff(curves["true pose"]) <= 0).all() and curves["true pose"][-1] == 0
 draw.spreads(np.array(hidden), curves, 0.8)
 
 # %% [markdown] tags=["solution"]
 # **Discussion.** The rule asks two things at once. The overlap of the *true* pose says how much of
-# the object is seen, since the points of its back land in the same outline. So a threshold of 0.8
-# says: do not refine what is hidden by a fifth or more, however good the estimate. The rule is
-# also one-sided. A pose that is too far away makes a small teapot, which fits into the mask with
-# all of its points. The share of the *mask* that is covered would notice; intersection over union
-# asks both.
+# the object is seen, since the points of its back land in the same outline. With nothing hidden
+# it is a little less than 1: on the outline, the nearest pixel may belong to the background. So a
+# threshold of 0.8 says: do not refine what is hidden by a sixth or more, however good the estimate.
+#
+# The rule is also one-sided. A pose that is too far away makes a small teapot, which fits into the
+# mask with nearly all of its points. The share of the *mask* that is covered would notice;
+# intersection over union asks both.
 #
 # An index of −4 is no error in Python, but the fourth from the other end. In a picture that is a
 # point on the opposite side.
@@ -635,7 +661,7 @@ draw.spreads(np.array(hidden), curves, 0.8)
 
 # %%
 lying = rotations.axis_angle_to_matrix(torch.deg2rad(torch.tensor([115.0, 0, 0])))
-t_vase = torch.tensor([0.0, 0.0, 0.5])
+t_vase = torch.tensor([0.0, 0.0, 0.36])
 vase = torch.from_numpy(shapes.make_object(3).vertices)
 vase_keypoints = keypoints.model_keypoints(vase)  # (9, 3), the last is the centre
 turns = torch.deg2rad(torch.arange(0, 360, 10.0))
@@ -741,7 +767,7 @@ draw.errors({"labels as they come": as_they_come})
 #
 # | in | shape | |
 # |---|---|---|
-# | `R`, `t` | (N, 3, 3), (N, 3) | poses of an object that is the same after any turn about its z axis |
+# | `R`, `t` | (N, 3, 3), (N, 3) | poses of an object that looks the same, however turned about z |
 # | **out** | (N, 3, 3) | the rotations to learn instead; `t` stays |
 #
 # There are many good choices. The check wants three things of yours:

@@ -60,7 +60,7 @@ class LinemodModels:
 
         They come from `models_info.yml` or, of an own object, the diameter from `diameter.txt`; and
         from the mesh where there is no such file. Only the eggbox and the glue have a symmetry, the
-        half turn about the vertical through the middle of their box.
+        half turn about z through the middle of their box.
 
         Raises:
             ValueError: if there is no such object, or a file is damaged.

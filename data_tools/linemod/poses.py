@@ -128,10 +128,10 @@ def read_text(path: Path, shape: tuple[int, ...]) -> np.ndarray:
     data = read_bytes(require_file(path))
     try:
         rows = [[float(word) for word in line.split()] for line in data.splitlines()]
-        values = np.array([row for row in rows if row] or [[np.nan]]).reshape(shape)
+        values = np.array([row for row in rows if row]).reshape(shape)
     except ValueError as error:
         raise ValueError(f"{path}: expected numbers of shape {shape}: {error}") from error
-    if not np.isfinite(values).all():
+    if not values.size or not np.isfinite(values).all():
         raise ValueError(f"{path}: expected finite numbers, got {values.tolist()}")
     return values
 

@@ -112,7 +112,7 @@ class ResNet(nn.Module):
         super().__init__()
         width = require_integer("width", width, 1)
         require_choice("stride", stride, (8, 16, 32))
-        if len(blocks) != 4:
+        if not isinstance(blocks, Sequence) or len(blocks) != 4:
             fail("blocks", "four numbers, one of each stage", repr(blocks))
         counts = [require_integer(f"blocks[{i}]", count, 1) for i, count in enumerate(blocks)]
         in_channels = require_integer("in_channels", in_channels, 1)

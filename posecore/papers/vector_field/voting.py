@@ -31,7 +31,7 @@ FLOOR = 0.1
 UNKNOWN = 1000.0
 """Pixels: the standard deviation given to a keypoint that no two pixels vote for."""
 _PARALLEL = 1e-4  # rays at a smaller angle (radians) cross further away than any image reaches
-_ONE_POINT = 1e-13  # a smaller ratio of eigenvalues than this: all lines have one direction
+_ONE_POINT = 1e-12  # of the trace squared; lines agree to two millionths of a radian under it
 _CONFIDENCE = 0.99
 _BELOW = 0.1  # PVNet's released code leaves out hypotheses with a share this much below the best
 _CHUNK = 255  # pixels; their tests stay in the cache, and a byte holds their count
@@ -45,11 +45,11 @@ class Votes(NamedTuple):
     covariances: Array
     """(O, K, 2, 2) how unsure they are, pixels squared; always positive definite."""
     inliers: Array
-    """(O, K) share of the object's pixels that point at the winning hypothesis; 0 without one."""
+    """(O, K) share of the pixels drawn from that point at the best hypothesis; 0 without one."""
     hypotheses: Array
     """(O, K, S, 2) crossings of two rays; the middle between their pixels where they do not."""
     weights: Array
-    """(O, K, S) share of the pixels that point at them; 0 if more than 0.1 below the best one."""
+    """(O, K, S) share of pixels that point at each; 0 where it is more than 0.1 below the best."""
     found: Array
     """(O,) bool: at least one keypoint has an inlier."""
     pixels: Array
@@ -88,26 +88,22 @@ def vote(
     Raises:
         ValueError: if a shape or a parameter is wrong, or a vector in a mask is not finite.
     """
-    came_as_tensor = isinstance(vectors, Tensor)
-    fields, inside = _tensor("vectors", vectors), _tensor("mask", mask)
+    fields, inside = _array("vectors", vectors), _array("mask", mask)
     if fields.ndim != 5 or fields.shape[2] != 2 or 0 in fields.shape:
-        fail("vectors", "shape (O, K, 2, H, W), none of them 0", f"shape {tuple(fields.shape)}")
-    if inside.dtype != torch.bool:
+        fail("vectors", "shape (O, K, 2, H, W), none of them 0", f"shape {fields.shape}")
+    if inside.dtype != bool:
         fail("mask", "bool", inside.dtype)
     expected = (fields.shape[0], *fields.shape[3:])
     if inside.shape != expected:
-        fail("mask", f"shape {expected} as vectors have", f"shape {tuple(inside.shape)}")
+        fail("mask", f"shape {expected} as vectors have", f"shape {inside.shape}")
     settings = _settings(hypotheses, sample, threshold, rounds, seed)
 
     votes = []
     for field, wanted in zip(fields, inside, strict=True):
-        indices = wanted.flatten().nonzero()[:, 0]
-        rows, columns = (indices // wanted.shape[1]).cpu(), (indices % wanted.shape[1]).cpu()
-        pixels = torch.stack([columns, rows], -1).double().numpy()
-        gathered = field.flatten(-2)[..., indices].cpu().double().numpy()  # (K, 2, P)
-        votes.append(_vote(pixels, gathered, settings))
-    result = Votes(*(np.stack(values) for values in zip(*votes, strict=True)))
-    return _like(result, fields, came_as_tensor)
+        rows, columns = wanted.nonzero()
+        pixels = np.stack([columns, rows], -1).astype(np.float64)
+        votes.append(_vote(pixels, field[:, :, rows, columns].astype(np.float64), settings))
+    return _like(Votes(*(np.stack(values) for values in zip(*votes, strict=True))), vectors)
 
 
 def vote_pixels(
@@ -133,19 +129,16 @@ def vote_pixels(
     Raises:
         ValueError: as in `vote`.
     """
-    came_as_tensor = isinstance(vectors, Tensor)
-    places, field = _tensor("pixels", pixels), _tensor("vectors", vectors)
+    places, field = _array("pixels", pixels), _array("vectors", vectors)
     if places.ndim != 2 or places.shape[1] != 2:
-        fail("pixels", "shape (P, 2)", f"shape {tuple(places.shape)}")
-    if field.ndim != 3 or field.shape[0] != places.shape[0] or field.shape[1:] < (1, 2):
-        expected = f"shape ({places.shape[0]}, K, 2) as pixels have"
-        fail("vectors", expected, f"shape {tuple(field.shape)}")
-    if not bool(torch.isfinite(places).all()):
-        fail("pixels", "finite values", "others")
+        fail("pixels", "shape (P, 2)", f"shape {places.shape}")
+    if field.ndim != 3 or field.shape[::2] != (len(places), 2) or field.shape[1] == 0:
+        fail("vectors", f"shape ({len(places)}, K, 2)", f"shape {field.shape}")
+    if not np.isfinite(places).all():
+        fail("pixels", "finite values", f"{int((~np.isfinite(places)).sum())} others")
     settings = _settings(hypotheses, sample, threshold, rounds, seed)
-    gathered = field.permute(1, 2, 0).cpu().double().contiguous().numpy()  # (K, 2, P)
-    votes = _vote(places.cpu().double().numpy(), gathered, settings)
-    return _like(votes, field, came_as_tensor)
+    gathered = field.transpose(1, 2, 0).astype(np.float64, order="C")
+    return _like(_vote(places.astype(np.float64), gathered, settings), vectors)
 
 
 @array_function(points="... L 2", directions="... L 2", weights="... L")
@@ -200,8 +193,8 @@ def count_inliers(
 ) -> Array:
     """How many pixels point at each hypothesis: `(h - p) . v > threshold |h - p| |v|`.
 
-    Neither a vector of length 0 nor a hypothesis on the pixel itself counts. Computed in float32,
-    so a pixel that misses by the threshold to six digits may fall on either side.
+    A vector of length 0 points nowhere. Computed in float32: a pixel that misses by the threshold
+    to six digits, or that the hypothesis lies on, may fall on either side.
 
     Args:
         pixels: (P, 2) x, y.
@@ -216,11 +209,12 @@ def count_inliers(
         ValueError: if `threshold` is not between 0 and 1.
     """
     threshold = _require_threshold(threshold)
-    places, field, guesses = (x.detach().cpu().double() for x in (pixels, vectors, hypotheses))
+    places, field, guesses = (
+        x.detach().cpu().double().numpy() for x in (pixels, vectors, hypotheses)
+    )
     middle = places.mean(0)
-    units = np.stack([x.T.numpy() for x in _unit(*field.unbind(-1))], 1)
-    walls = _walls((places - middle).numpy(), units, threshold)
-    counts = _count(walls, (guesses - middle).numpy())
+    walls = _walls(places - middle, _directions(field.transpose(1, 2, 0)), threshold)
+    counts = _count(walls, guesses - middle)
     return torch.from_numpy(counts).to(pixels.device)
 
 
@@ -257,12 +251,11 @@ def hypothesis_covariance(
         middle = (shares[..., None] * guesses).sum(-2)
     else:
         middle = centre.double()
-    away = guesses - middle[..., None, :]
-    spread = (shares[..., None] * away).mT @ away
-    trace = spread.diagonal(dim1=-2, dim2=-1).sum(-1)
-    least = floor**2 + 1e-6 * trace
-    identity = torch.eye(2, dtype=spread.dtype, device=spread.device)
-    return (spread + least[..., None, None] * identity).to(hypotheses.dtype)
+    x, y = (guesses - middle[..., None, :]).unbind(-1)
+    xx, xy, yy = ((shares * product).sum(-1) for product in (x * x, x * y, y * y))
+    least = floor**2 + 1e-6 * (xx + yy)
+    entries = torch.stack([xx + least, xy, xy, yy + least], -1)
+    return entries.unflatten(-1, (2, 2)).to(hypotheses.dtype)
 
 
 class _Settings(NamedTuple):
@@ -306,11 +299,10 @@ def _vote(pixels: np.ndarray, vectors: np.ndarray, settings: _Settings) -> Votes
             chosen = generator.choice(count, settings.sample, replace=False)
             pixels, vectors = pixels[chosen], vectors[..., chosen]
         centred = pixels - middle
-        units = torch.stack(_unit(*torch.from_numpy(vectors).unbind(1)), 1)
-        walls = _walls(centred, units.numpy(), settings.threshold)
-        guesses, weights = _ransac(centred, units.numpy(), walls, settings, generator)
-        inside = _inside(walls, guesses[np.arange(keypoints), weights.argmax(1)])
-        refined = intersect_lines(centred[None], units.mT.numpy(), inside)
+        units = _directions(vectors)
+        walls = _walls(centred, units, settings.threshold)
+        guesses, weights = _ransac(centred, units, walls, settings, generator)
+        refined = _refine(centred, units, walls, guesses[np.arange(keypoints), weights.argmax(1)])
         weights[weights < weights.max(1, keepdims=True) - _BELOW] = 0
         found = weights.max(1) > 0
         covariances[found] = hypothesis_covariance(guesses[found], weights[found], refined[found])
@@ -401,17 +393,33 @@ def _count(walls: np.ndarray, points: np.ndarray) -> np.ndarray:
     return counts
 
 
-def _inside(walls: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Which pixels' cones (K, 2, 3, P) hold the keypoint's point (K, 2), (K, P)."""
-    return ((_with_one(points)[:, None, None] @ walls)[:, :, 0] > 0).all(1)
+def _refine(
+    pixels: np.ndarray, units: np.ndarray, walls: np.ndarray, winners: np.ndarray
+) -> np.ndarray:
+    """`intersect_lines` of the pixels that point at each winner (K, 2), without its threads.
+
+    As a step from the winner, and none in a direction that the lines leave open.
+    """
+    inside = ((_with_one(winners)[:, None, None] @ walls)[:, :, 0] > 0).all(1)  # (K, P)
+    x, y = -units[:, 1] * inside, units[:, 0] * inside  # normals
+    offsets = x * (pixels[:, 0] - winners[:, :1]) + y * (pixels[:, 1] - winners[:, 1:])
+    normals = np.stack([x, y], 1)  # (K, 2, P)
+    inverse = np.linalg.pinv(normals @ normals.swapaxes(1, 2), rcond=_ONE_POINT, hermitian=True)
+    return winners + (inverse @ (normals @ offsets[..., None]))[..., 0]
 
 
 def _with_one(points: np.ndarray) -> np.ndarray:
     return np.concatenate([points, np.ones_like(points[..., :1])], -1).astype(np.float32)
 
 
+def _directions(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (K, 2, P) of length 1, or 0 where they have none."""
+    length = np.hypot(vectors[:, :1], vectors[:, 1:])
+    return vectors / np.where(length > 0, length, 1)
+
+
 def _unit(x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    """Vectors of length 1, or 0 where they have none; divided twice, so no square overflows."""
+    """`_directions` with gradients; divided twice, so that no square leaves the range."""
     largest = torch.maximum(x.abs(), y.abs())
     largest = torch.where(largest > 0, largest, 1.0)
     x, y = x / largest, y / largest
@@ -420,22 +428,29 @@ def _unit(x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
     return x / length, y / length
 
 
-def _tensor(name: str, value: object) -> Tensor:
-    """`value` as a tensor without copying large arrays; its numbers are not looked at."""
+def _array(name: str, value: object) -> np.ndarray:
+    """`value` as an array, not copied if it need not be; its numbers are not looked at.
+
+    Voting is done in NumPy: PyTorch's threads wait for each other longer than they work here.
+    """
     if isinstance(value, Tensor):
-        return value.detach()
+        value = value.detach().cpu()
+        value = (value.float() if value.dtype == torch.bfloat16 else value).numpy()
     try:
         array = np.asarray(value)
     except ValueError:  # a ragged list
         fail(name, "an array of numbers", "rows of different lengths")
     if array.dtype.kind not in "fiub":
         fail(name, "an array of numbers", f"dtype {array.dtype}")
-    return torch.from_numpy(np.require(array, array.dtype.newbyteorder("="), ["C", "W"]))
+    return array
 
 
-def _like(votes: Votes, vectors: Tensor, came_as_tensor: bool) -> Votes:
-    """Arrays, or tensors on the device of `vectors`; numbers in its precision."""
-    dtype = vectors.dtype if vectors.is_floating_point() else torch.float64
-    tensors = [torch.as_tensor(value).to(vectors.device) for value in votes]
-    tensors = [value.to(dtype) if value.is_floating_point() else value for value in tensors]
-    return Votes(*(tensors if came_as_tensor else (value.numpy() for value in tensors)))
+def _like(votes: Votes, vectors: object) -> Votes:
+    """Of the kind and device of `vectors`; numbers in its precision if it is a floating one."""
+    if isinstance(vectors, Tensor):
+        dtype = vectors.dtype if vectors.is_floating_point() else torch.float64
+        tensors = [torch.as_tensor(value).to(vectors.device) for value in votes]
+        return Votes(*(x.to(dtype) if x.is_floating_point() else x for x in tensors))
+    dtype = np.asarray(vectors).dtype
+    dtype = dtype.newbyteorder("=") if dtype.kind == "f" else np.dtype(np.float64)
+    return Votes(*(x.astype(dtype) if x.dtype.kind == "f" else x for x in votes))

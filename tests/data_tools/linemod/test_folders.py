@@ -32,7 +32,8 @@ def test_layouts_are_told_apart(tmp_path):
         1: ObjectFolder(1, "ape", pvnet / "ape", "pvnet"),
         9: ObjectFolder(9, "duck", pvnet / "duck", "pvnet"),
     }
-    assert list(find_objects(pvnet)) == [1, 9], "in the order of the ids, not of the names"
+    odd = layout(tmp_path / "c", "data/10/rgb", "data/6/rgb")
+    assert list(find_objects(odd)) == [6, 10], "in the order of the ids, not of the names"
     fusion = layout(
         tmp_path / "b", "data/06/rgb", "data/03/rgb", "models", "segnet_results/06_label"
     )
@@ -46,7 +47,9 @@ def test_layouts_are_told_apart(tmp_path):
     assert find_objects(tmp_path / "06")[1].layout == "own"
 
 
-@pytest.mark.parametrize("folders", [(), ("renders",), ("dog/JPEGImages",), ("data/03/rgb",)])
+@pytest.mark.parametrize(
+    "folders", [(), ("renders",), ("dog/JPEGImages",), ("data/03/rgb",), ("mug/rgb", "cup/rgb")]
+)
 def test_folders_that_hold_nothing(tmp_path, folders):
     with pytest.raises(ValueError, match="path: expected the folder of an object"):
         find_objects(layout(tmp_path / "x", *folders))

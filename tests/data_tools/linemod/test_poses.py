@@ -106,7 +106,7 @@ def test_bad_yaml_is_refused(tmp_path, text, message):
     ("text", "message"),
     [
         ("", "empty file"),
-        (" \n", r"expected numbers of shape \(-1, 3\)"),
+        (" \n", r"expected finite numbers, got \[\]"),
         ("1 2", r"expected numbers of shape \(-1, 3\)"),
         ("1 2 3\n4", r"expected numbers of shape \(-1, 3\)"),
         ("1 2 x", "expected numbers of shape .*'x'"),

@@ -70,6 +70,45 @@ def test_reversed_vectors_are_seen_by_the_vector_loss_only():
     assert vector_loss(-unit(g), unit(g)) > 0.5
 
 
+@given(seed=SEEDS)
+def test_forward_only_leaves_out_what_points_away(seed):
+    rng = np.random.default_rng(seed)
+    p = torch.tensor(rng.normal(size=(40, 2))).requires_grad_()
+    g = torch.tensor(rng.normal(0, 30, (40, 2)))
+    ahead = (p * g).sum(-1) > 0
+    found = projection_loss(p, g, forward_only=True)
+    (gradient,) = torch.autograd.grad(found, p)
+    (expected,) = torch.autograd.grad(ahead.sum() / 40 * projection_loss(p[ahead], g[ahead]), p)
+    assert torch.isclose(found, ahead.sum() / 40 * projection_loss(p[ahead], g[ahead]))
+    torch.testing.assert_close(gradient, expected)
+    assert not gradient[~ahead].any()
+
+
+def descend(loss, a, steps=4000):
+    """Degrees by which a vector is off in the end, that begins off by `a`."""
+    g = torch.tensor([[40.0, 0.0]], dtype=torch.float64)
+    p = torch.tensor([[np.cos(np.radians(a)), np.sin(np.radians(a))]]).requires_grad_()
+    for _ in range(steps):
+        (gradient,) = torch.autograd.grad(loss(p, g), p)
+        with torch.no_grad():
+            p -= 0.01 * gradient
+    p = p.detach()
+    return float(torch.atan2(p[0, 1].abs(), p[0, 0]).rad2deg())
+
+
+def test_the_wall_between_reversed_and_right():
+    """With Eq 1 as printed a vector that points away stays so; forward only, it comes round."""
+    for forward_only in (False, True):
+        off = descend(
+            lambda p, g, forward_only=forward_only: (
+                vector_loss(p, g / g.norm())
+                + 0.05 * projection_loss(p, g, forward_only=forward_only)
+            ),
+            150.0,
+        )
+        assert off < 1 if forward_only else off > 90
+
+
 @pytest.mark.parametrize("loss", [vector_loss, projection_loss])
 def test_gradients_by_finite_differences(loss):
     torch.manual_seed(0)
@@ -167,6 +206,19 @@ def test_the_sum(projection, weight):
         torch.testing.assert_close(one, other)
 
 
+@given(done=st.floats(0, 1), begin=st.floats(0, 1))
+def test_it_comes_in_when_it_is_told_to(done, begin):
+    beta = VectorFieldLoss(begin=begin).beta(done)
+    if done < begin:
+        assert beta == 0
+    else:
+        assert 0.01 <= beta <= 0.05 + 1e-12
+    assert VectorFieldLoss(begin=begin).beta(1.0) == pytest.approx(0.05)
+    assert VectorFieldLoss(weight=0.3, begin=begin).beta(done) == (0.3 if done >= begin else 0)
+    assert VectorFieldLoss("none", 0.3).beta(done) == 0
+    assert VectorFieldLoss().beta(done) == projection_weight(done)
+
+
 @given(seed=SEEDS, pixels=st.integers(0, 4), half=st.booleans())
 def test_the_sum_is_finite_whatever_is_seen(seed, pixels, half):
     """No pixel at all, a pixel on its keypoint, a network that says nothing, half precision."""
@@ -205,6 +257,8 @@ MASK, PREDICTED, TARGETS = case()
         (lambda: VectorFieldLoss(weight="constant"), "weight"),
         (lambda: VectorFieldLoss(weight=-0.01), "weight"),
         (lambda: VectorFieldLoss(weight=None), "weight"),
+        (lambda: VectorFieldLoss(begin=-0.1), "begin"),
+        (lambda: VectorFieldLoss(begin=1.5), "begin"),
         (lambda: LOSS(MASK[:1], PREDICTED, TARGETS, 0), "mask"),
         (lambda: LOSS(MASK[..., 1:], PREDICTED, TARGETS, 0), "mask"),
         (lambda: LOSS(MASK[0], PREDICTED, TARGETS, 0), "mask"),

@@ -1,0 +1,294 @@
+"""The figures of chapter 8 on what a network says: windows, fields, votes, poses, a second look."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from posecore.book.parts import drawing
+from posecore.figures import Picture, draw_axes, draw_box, draw_outline
+from posecore.figures.style import COLOURS, HALO, INK, new_picture
+from posecore.papers.vector_field.models import ObjectModel
+
+__all__ = [
+    "clouds",
+    "learnt",
+    "pose",
+    "residuals",
+    "seen",
+    "shares",
+    "windows",
+]
+
+rays = drawing("08_voting")
+fields_of = drawing("08_fields")
+crop, window, show_crop, field = (
+    getattr(fields_of, name) for name in ("crop", "window", "show_crop", "field")
+)
+OUTLINES = tuple(zip((COLOURS[4], COLOURS[5], COLOURS[1]), ("-", "--", "-."), strict=True))
+TRUTH, ESTIMATE = COLOURS[0], COLOURS[1]
+Pose = tuple[np.ndarray, np.ndarray]
+Window = tuple[int, int, int, int]
+
+
+def windows(
+    images: np.ndarray, labels: np.ndarray, vectors: np.ndarray, names: Sequence[str]
+) -> Picture:
+    """Windows of a training: images (B, h, w, 3) with outlines of labels (B, h, w), and vectors.
+
+    Args:
+        images: 0 to 1.
+        labels: 0 for background, then the objects.
+        vectors: (B, h, w, 2) to one keypoint of each object.
+        names: of the objects.
+    """
+    said = "; ".join(", ".join(names[o - 1] for o in np.unique(part) if o) for part in labels)
+    figure = new_picture(
+        9.4,
+        4.8,
+        f"{len(images)} square windows with objects in them, some turned or half covered, before "
+        f"other backgrounds; outlines mark the objects: {said}. Below each, the same objects "
+        "coloured by direction to one of their keypoints, with arrows; the rest is white.",
+        "",
+    )
+    panels = figure.subplots(2, len(images), squeeze=False)
+    high, wide = labels.shape[1:]
+    box = (0, 0, wide, high)
+    for column, image, label, wanted in zip(panels.T, images, labels, vectors, strict=True):
+        show_crop(column[0], np.uint8(255 * image.clip(0, 1)), box)
+        outlines(column[0], label, names)
+        field(column[1], label > 0, wanted, box)
+    for number, name in enumerate(names):
+        colour, style = OUTLINES[number % len(OUTLINES)]
+        panels[0, 0].plot([], [], color=colour, ls=style, lw=2, label=name)
+    figure.legend(ncols=len(names), fontsize=9, loc="outside upper center", frameon=False)
+    return figure
+
+
+def outlines(axes: Axes, label: np.ndarray, names: Sequence[str]) -> None:
+    """The borders of the labels 1, 2, ..., each with its colour and line."""
+    for number, name in enumerate(names):
+        if (label == 1 + number).any():
+            colour, style = OUTLINES[number % len(OUTLINES)]
+            draw_outline(axes, label == 1 + number, label=name, colour=colour, style=style)
+
+
+def learnt(
+    rgb: np.ndarray, mask: np.ndarray, stages: Mapping[str, tuple[np.ndarray, np.ndarray]]
+) -> Picture:
+    """What networks say of one object: the mask as an outline, the field in the true mask.
+
+    Args:
+        rgb: (H, W, 3) bytes.
+        mask: (H, W) bool, the truth.
+        stages: title -> mask (H, W) bool and vectors (H, W, 2).
+    """
+    said = "; ".join(
+        f"{title}: {int((found & mask).sum())} of {int(mask.sum())} pixels in the mask, "
+        f"{int((found & ~mask).sum())} beside it"
+        for title, (found, _) in stages.items()
+    )
+    figure = new_picture(
+        2.4 * len(stages),
+        4.3,
+        "Above, a teapot with the outline of what a network takes for it; below, its pixels "
+        "coloured by the direction that the network says, with arrows. From left to right the "
+        f"outline finds the teapot and the colours become those of the truth. {said}.",
+        "",
+    )
+    panels = figure.subplots(2, len(stages))
+    box = window(mask, np.argwhere(mask)[:1, ::-1], 0.15)
+    for column, (title, (found, vectors)) in zip(panels.T, stages.items(), strict=True):
+        show_crop(column[0], rgb, box)
+        draw_outline(column[0], found, colour=ESTIMATE)
+        column[0].set_title(title, fontsize=10)
+        field(column[1], mask, vectors, box)
+    return figure
+
+
+def seen(
+    rgb: np.ndarray,
+    label: np.ndarray,
+    names: Sequence[str],
+    mask: np.ndarray,
+    vectors: np.ndarray,
+    x: np.ndarray,
+) -> Picture:
+    """A whole picture with the masks that a network found, and one field of one object.
+
+    Args:
+        rgb: (H, W, 3) bytes.
+        label: (H, W) 0 for background, then the objects.
+        names: of the objects.
+        mask, vectors: (H, W) bool and (H, W, 2) of the object.
+        x: (2,) the keypoint in truth.
+    """
+    found = [name for number, name in enumerate(names) if (label == 1 + number).any()]
+    figure = new_picture(
+        9.4,
+        3.7,
+        "A table with things on it. Outlines mark what the network takes for its objects: "
+        f"{', '.join(found) or 'nothing'}. Beside it the pixels of the teapot, coloured by the "
+        "direction that the network says, with arrows, and a ring at the keypoint.",
+        "",
+    )
+    left, right = figure.subplots(1, 2, width_ratios=(1.15, 1))
+    show_crop(left, rgb, (0, 0, rgb.shape[1], rgb.shape[0]))
+    outlines(left, label, names)
+    if found:
+        left.legend(fontsize=8, loc="lower left")
+    field(right, mask, vectors, window(mask, x, 0.1))
+    right.plot(*x, "o", mfc="white", mec=INK, ms=10, mew=1.8)
+    return figure
+
+
+def clouds(
+    rgb: np.ndarray,
+    mask: np.ndarray,
+    x: np.ndarray,
+    points: np.ndarray,
+    covariances: np.ndarray,
+    hypotheses: Sequence[np.ndarray],
+) -> Picture:
+    """The votes for all keypoints of an object.
+
+    Args:
+        rgb: (H, W, 3) bytes.
+        mask: (H, W) bool, the pixels that voted.
+        x: (K, 2) the truth.
+        points, covariances: (K, 2) and (K, 2, 2) what was found.
+        hypotheses: for each keypoint (S, 2) those that count.
+    """
+    off = np.linalg.norm(points - x, axis=-1)
+    sure = np.sqrt(np.linalg.eigvalsh(covariances)[:, 1])
+    said = ", ".join(
+        f"{k} {far:.1f} px off, {deviation:.1f} px long"
+        for k, (far, deviation) in enumerate(zip(off, sure, strict=True))
+    )
+    figure = new_picture(
+        6.6,
+        4.6,
+        f"An object with {len(x)} clouds of little dots, each within an ellipse, a cross at its "
+        f"middle and a ring at the true keypoint. Distance and longest deviation: {said}.",
+        "",
+    )
+    axes = figure.subplots()
+    box = window(mask, x, 0.22)
+    show_crop(axes, rgb, box, pale=0.5)
+    draw_outline(axes, mask, colour="0.45", style="--")
+    for k, (point, covariance, cloud) in enumerate(
+        zip(points, covariances, hypotheses, strict=True)
+    ):
+        axes.plot(*cloud.T, ".", color=COLOURS[0], ms=2.5, antialiased=False)
+        rays.draw_ellipse(axes, point, covariance)
+        axes.plot(*x[k], **(rays.TRUTH | {"ms": 9}))
+        axes.plot(*point, **(rays.POINTS["RANSAC"] | {"ms": 9}))
+        axes.annotate(str(k), x[k], xytext=(8, 6), textcoords="offset points", fontsize=11,
+                      path_effects=HALO)  # fmt: skip
+    return figure
+
+
+def pose(
+    rgb: np.ndarray, K: np.ndarray, found: Sequence[tuple[ObjectModel, Pose]], said: str
+) -> Picture:
+    """A picture with the boxes and axes of poses.
+
+    Args:
+        rgb: (H, W, 3) bytes.
+        K: (3, 3) camera matrix.
+        found: of each object its model and pose.
+        said: what is to be seen, for the alt text.
+    """
+    figure = new_picture(6.4, 4.8, f"A table with things on it, with boxes and axes. {said}", "")
+    axes = figure.subplots()
+    show_crop(axes, rgb, (0, 0, rgb.shape[1], rgb.shape[0]))
+    for model, (R, t) in found:
+        low, high = model.points.min(0), model.points.max(0)
+        draw_box(axes, K, R, t, high - low, centre=(low + high) / 2)
+        draw_axes(axes, K, R, t, 0.4 * model.diameter)
+    return figure
+
+
+def residuals(
+    rgb: np.ndarray,
+    mask: np.ndarray,
+    pixels: np.ndarray,
+    inside: np.ndarray,
+    said: np.ndarray,
+    expected: np.ndarray,
+    ends: np.ndarray,
+) -> Picture:
+    """What a refiner is given: points in a wrong pose, and where field and pose differ.
+
+    Args:
+        rgb: (H, W, 3) bytes.
+        mask: (H, W) bool, where the field is.
+        pixels: (N, 2) projected points of the model.
+        inside: (N,) which of them lie in the mask.
+        said, expected: (N, 2) unit vectors of the field and of the pose, to one keypoint.
+        ends: (2, 2) that keypoint in truth and by the pose.
+    """
+    size = np.linalg.norm(said - expected, axis=-1)[inside]
+    figure = new_picture(
+        9.4,
+        4.0,
+        "Left: an object with dots that do not quite cover it, the points of its model in a wrong "
+        f"pose, {int(inside.sum())} of {len(inside)} in the mask. Right: at some of them two "
+        "arrows, of the field and of the pose, which point at a ring and at a square not far "
+        f"from it, and their difference, {np.median(size) if size.size else 0:.2f} long.",
+        "",
+    )
+    left, right = figure.subplots(1, 2)
+    box = window(mask, np.concatenate([pixels, ends]), 0.06)
+    for axes in (left, right):
+        show_crop(axes, rgb, box, pale=0.6 if axes is right else 0.3)
+        draw_outline(axes, mask, colour="0.4", style="--")
+    left.plot(*pixels[inside].T, "o", color=COLOURS[4], mec=INK, mew=0.5, ms=4, label="in the mask")
+    left.plot(*pixels[~inside].T, "X", color=COLOURS[1], mec=INK, mew=0.5, ms=6, label="outside")
+    some = np.flatnonzero(inside)[:: max(int(inside.sum()) // 28, 1)]
+    length = 0.09 * (box[2] - box[0])
+    look = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.006, "headwidth": 4}
+    for vectors, colour, name in (
+        (expected, COLOURS[0], "expected by the pose"),
+        (said, COLOURS[4], "said by the field"),
+        (said - expected, INK, "difference"),
+    ):
+        start = pixels[some] + (length * expected[some] if name == "difference" else 0)
+        right.quiver(*start.T, *(length * vectors[some]).T, color=colour, label=name, **look)
+    right.plot(*ends[0], "o", mfc=COLOURS[4], mec=INK, ms=10, mew=1.6)
+    right.plot(*ends[1], "s", mfc=COLOURS[0], mec="white", ms=10, mew=1.6)
+    for axes in (left, right):
+        axes.legend(fontsize=8, loc="upper left")
+    return figure
+
+
+def shares(
+    cases: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
+) -> Picture:
+    """Points of models, projected, in and outside of masks.
+
+    Args:
+        cases: title -> the picture (H, W, 3) bytes, the mask (H, W) bool, pixels (N, 2) of the
+            model's points, and which are in the mask (N,).
+    """
+    said = "; ".join(
+        f"{title}: {int(inside.sum())} of {len(inside)} points in the mask"
+        for title, (*_, inside) in cases.items()
+    )
+    figure = new_picture(
+        4.7 * len(cases),
+        3.9,
+        "Pictures of objects, each with its mask shaded and the points of its model over it, dots "
+        f"in the mask and crosses outside. {said}.",
+        "",
+    )
+    panels = np.atleast_1d(figure.subplots(1, len(cases)))
+    for axes, (title, (rgb, mask, pixels, inside)) in zip(panels, cases.items(), strict=True):
+        box = window(mask, pixels.clip(0, np.subtract(mask.shape[::-1], 1)), 0.1)
+        shaded = np.where(mask[..., None], 0.45 * rgb + 0.55 * np.array([204, 121, 167]), rgb)
+        show_crop(axes, np.uint8(shaded), box)
+        axes.plot(*pixels[inside].T, ".", color="#f0e442", mec=INK, mew=0.3, ms=5, label="inside")
+        axes.plot(*pixels[~inside].T, "x", color=INK, ms=5, mew=1.3, label="outside")
+        axes.set_title(title, fontsize=10)
+    panels[0].legend(fontsize=8, loc="lower left")
+    return figure
