@@ -63,11 +63,14 @@ def _is_nearest(answer: Tensor, M: Tensor) -> str:
     for number in range(len(M)):
         if not rotations.is_rotation(answer[number]):
             determinant = float(torch.linalg.det(answer[number]))
-            return f"expected a rotation at [{number}], got none, of determinant {determinant:.3g}"
+            return (
+                f"expected a rotation at [{number}], got a matrix that is none, "
+                f"of determinant {determinant:.3g}"
+            )
         if not got[number] <= best[number] + 1e-6:
             return (
-                f"expected the distance {best[number]:.4g} to the matrix [{number}], "
-                f"got {got[number]:.4g}"
+                f"expected a rotation at [{number}] whose distance to M[{number}] is "
+                f"{best[number]:.4g}, got one at the distance {got[number]:.4g}"
             )
     return ""
 
@@ -78,8 +81,9 @@ check_nearest_rotation = Exercise(
     hints=(
         "torch.linalg.svd(M) gives U, s, Vh for all matrices at once, Vh being V^T. U @ Vh is the "
         "nearest orthogonal matrix; look at torch.linalg.det of it.",
-        "Where that is -1, flip the direction of the smallest singular value: multiply the last "
-        "column of U by torch.linalg.det(U @ Vh), and then by Vh. The sign of det(M) will not do: "
+        "Where d = torch.linalg.det(U @ Vh) is -1, flip the direction of the smallest singular "
+        "value: change the sign of the last column of U, and only then take U @ Vh. There is one d "
+        "for each matrix; d[:, None] fits the columns U[:, :, 2]. The sign of det(M) will not do: "
         "it is 0 for a flat matrix.",
     ),
     judge=_is_nearest,
@@ -114,6 +118,8 @@ def _matrices_and_gradients(rng: np.random.Generator) -> Inputs:
         yield "a matrix that mirrors", _tensor(_with_values(rng, 3, 2, -1)), gradient()
     yield "a flat matrix, s_3 = 0", _tensor(np.diag([2.0, 1, 0])), gradient()
     yield "a matrix near a jump: s_2 + s_3 = 0.01", _tensor(_with_values(rng, 2, 1, -0.99)), quarter
+    nearer = _tensor(_with_values(rng, 2, 1, -0.9995))
+    yield "a matrix nearer to a jump: s_2 + s_3 = 0.0005", nearer, quarter
 
 
 check_procrustes_gradient = Exercise(
@@ -127,6 +133,7 @@ check_procrustes_gradient = Exercise(
         "sign in its last entry. And the diagonal of Z is 0, also where s_3 + s_3 is: put 1 there "
         "before you divide.",
     ),
+    tolerance=1e-4,  # near a jump, differences with steps of 1e-6 and sums + 1e-8 are still right
     seconds=SECONDS,
 )
 
@@ -164,10 +171,35 @@ def _is_gram_schmidt(answer: Tensor, x: Tensor) -> str:
     expected = six_to_rotation(x).detach()
     wrong = ~torch.isclose(answer.detach().to(expected), expected, rtol=0, atol=1e-5)
     if not wrong.any():
-        return ""
+        return _wrong_gradient(answer, x) if x.requires_grad else ""
     n, row, column = (int(i) for i in wrong.nonzero()[0])
     want, have = (float(R[n, row, column]) for R in (expected, answer))
     return f"expected {want:.4g} in row {row}, column {column} of rotation [{n}], got {have:.4g}"
+
+
+def _wrong_gradient(answer: Tensor, x: Tensor) -> str:
+    """For a right answer: whether what comes back through it is right, too."""
+    weights = torch.linspace(-1, 2, answer.numel(), dtype=answer.dtype).reshape(answer.shape)
+    (expected,) = torch.autograd.grad((weights * six_to_rotation(x)).sum(), x)
+    (got,) = torch.autograd.grad((weights * answer).sum(), _leaf(answer), allow_unused=True)
+    if got is not None and torch.allclose(got, expected, rtol=1e-4, atol=1e-6):
+        return ""
+    return (
+        "the rotations are right, but not their gradient: part of it cannot go back to x; "
+        "let no number of the way be torn out by .item(), float(...) or .detach()"
+    )
+
+
+def _leaf(answer: Tensor) -> Tensor:
+    """What an answer was made of: the student's function got a copy of x."""
+    nodes, seen = [answer.grad_fn], set()
+    while nodes:
+        node = nodes.pop()
+        if hasattr(node, "variable"):
+            return node.variable
+        seen.add(node)
+        nodes += [before for before, _ in node.next_functions if before and before not in seen]
+    raise ValueError("expected rotations that were made of x")
 
 
 check_six_to_rotation = Exercise(
@@ -324,12 +356,33 @@ def _predictions(rng: np.random.Generator) -> Inputs:
     yield "three equal predictions", some(half, "euler", 1).expand(3, -1).clone(), "euler"
     signs = torch.tensor([1.0, -1] * 4, dtype=torch.float64)[:, None]
     yield "quaternions of both signs", signs * some(identity, "quaternion"), "quaternion"
-    lengths = torch.tensor([9.0] + 7 * [0.5], dtype=torch.float64)[:, None]
     for name in ("quaternion", "6d", "procrustes"):
-        yield "numbers of different lengths", lengths * some(identity, name), name
+        numbers = some(identity, name)
+        yield "numbers of different lengths", _one_is_long(numbers, name), name
     more = torch.tensor([0, 2 * torch.pi, 0], dtype=torch.float64)
     full = some(identity, "euler", 4)
     yield "angles that went round once more", torch.cat([full[:2], full[2:] + more]), "euler"
+    yield "matrices that stretch", _one_is_wide(some(identity, "procrustes")), "procrustes"
+
+
+def _furthest(R: Tensor) -> Tensor:
+    """The index of the rotation that is furthest from the mean: it must not count for more."""
+    return rotations.geodesic_distance(rotations.mean_rotation(R), R).argmax()
+
+
+def _one_is_long(numbers: Tensor, representation: str) -> Tensor:
+    """The numbers of one prediction are much longer than the others."""
+    lengths = torch.full((len(numbers), 1), 0.5, dtype=numbers.dtype)
+    lengths[_furthest(RotationHead(representation).decode(numbers))] = 9
+    return lengths * numbers
+
+
+def _one_is_wide(numbers: Tensor) -> Tensor:
+    """Rotations as matrices that stretch: one by y and z, all others by x."""
+    R = numbers.unflatten(-1, (3, 3))
+    stretch = torch.tensor([10.0, 0.5, 0.5], dtype=R.dtype).expand(len(R), 3).clone()
+    stretch[_furthest(R)] = torch.tensor([1, 10, 10], dtype=R.dtype)
+    return (R * stretch[:, None, :]).flatten(1)
 
 
 def _is_a_mean(answer: Tensor, numbers: Tensor, representation: str) -> str:

@@ -16,7 +16,10 @@ __all__ = ["by_visibility", "gallery", "mended", "noise", "real", "seeds", "spee
 
 measured = drawing("05_results").measured
 fields_of = drawing("08_fields")
-show_crop, field, window = fields_of.show_crop, fields_of.field, fields_of.window
+crop, show_crop, field, window = (
+    getattr(fields_of, name) for name in ("crop", "show_crop", "field", "window")
+)
+quiet = drawing("02_light").quiet
 draw_ellipse = drawing("08_voting").draw_ellipse
 Pose = tuple[np.ndarray, np.ndarray]
 
@@ -96,15 +99,22 @@ def gallery(
         "",
     )
     panels = figure.subplots(len(rows), wide, squeeze=False)
+    boxes = {split: [around(*one[:4]) for one in shown.values()] for split, shown in rows.items()}
+    parts = [
+        crop(one[0], box)
+        for split, shown in rows.items()
+        for one, box in zip(shown.values(), boxes[split], strict=True)
+    ]
+    few = iter(quiet(parts, 64))
     for line, (split, shown) in zip(panels, rows.items(), strict=True):
         for axes in line:
             axes.axis("off")
-        for axes, (title, (rgb, K, model, truth, found)) in zip(line, shown.items(), strict=False):
-            middle = cameras.project(K, poses.apply(*truth, model.keypoints[-1:]))[0]
-            half = 0.85 * K[0, 0] * model.diameter / truth[1][2]
-            low = np.floor(middle - half).clip(0).astype(int)
-            high = np.ceil(middle + half).clip(low + 2, rgb.shape[1::-1]).astype(int)
-            show_crop(axes, rgb, (*low, *high))
+        for axes, box, (title, (_, K, model, truth, found)) in zip(
+            line, boxes[split], shown.items(), strict=False
+        ):
+            extent = (box[0] - 0.5, box[2] - 0.5, box[3] - 0.5, box[1] - 0.5)
+            axes.imshow(next(few), extent=extent, interpolation="nearest")
+            axes.set_autoscale_on(False)
             for pose, colour in ((truth, COLOURS[0]), (found, COLOURS[1])):
                 if pose is not None:
                     draw_model_box(axes, K, pose, model.points, colour)
@@ -112,6 +122,17 @@ def gallery(
         line[0].text(-0.06, 0.5, split, rotation=90, transform=line[0].transAxes, va="center",
                      ha="right", fontsize=11)  # fmt: skip
     return figure
+
+
+def around(
+    rgb: np.ndarray, K: np.ndarray, model: ObjectModel, truth: Pose
+) -> tuple[int, int, int, int]:
+    """A window of a picture around an object in its true pose."""
+    middle = cameras.project(K, poses.apply(*truth, model.keypoints[-1:]))[0]
+    half = 0.85 * K[0, 0] * model.diameter / truth[1][2]
+    low = np.floor(middle - half).clip(0).astype(int)
+    high = np.ceil(middle + half).clip(low + 2, rgb.shape[1::-1]).astype(int)
+    return (*low.tolist(), *high.tolist())
 
 
 def draw_model_box(axes: Axes, K: np.ndarray, pose: Pose, points: np.ndarray, colour: str) -> None:

@@ -149,13 +149,12 @@ def _prepare(options: argparse.Namespace) -> _Task:
         fail("--out", "a folder", f"the file {options.out!r}")
 
     dataset = open_source(options.data, options.split, scale_name, show=first)
-    objects = _objects(options, dataset)
+    known, objects = dataset.models(), _objects(options, dataset)
     if options.data.startswith("linemod:"):
         dataset = open_source(options.data, options.split, scale_name, object_id=objects)
         if len(objects) > 1 and first:
             words = "note: linemod names one object of each image, and others count as background"
             print(words, file=sys.stderr)
-    known = dataset.models()  # what has none need not be loaded
     data = load(dataset, progress=first and sys.stderr.isatty())
     for kind, words in (("rgb", "colour images"), ("instance", "masks of all objects")):
         if kind not in data.kinds:
@@ -249,7 +248,8 @@ def _objects(options: argparse.Namespace, dataset: Dataset) -> list[int]:
         fail("--data", "data with known poses", options.data)
     missing = sorted(set(options.objects or there) - set(there))
     if missing:
-        fail("--objects", f"some of {there}, which {options.data} has", missing)
+        shown = ", ".join(map(str, there[:20])) + (", ..." if len(there) > 20 else "")
+        fail("--objects", f"some of {shown}, which {options.data} has", missing)
     return sorted(set(options.objects or there))
 
 

@@ -29,9 +29,11 @@ def add_train(methods: Any) -> None:
     command.add_argument("--split", default="train", help="default: train")
     command.add_argument("--out", metavar="RUN", required=True, help="folder, new or to go on in")
     command.add_argument("--objects", metavar="ID", type=int, nargs="+", help="default: all")
-    command.add_argument("--scale", choices=SCALES, help="of networks, training and tabletop")
+    command.add_argument("--scale", choices=SCALES, help="sizes; default: POSECORE_SCALE")
     command.add_argument("--steps", type=int, help="of the field; default: by the scale")
-    command.add_argument("--refiner-steps", type=int, help="0 for no refiner")
+    command.add_argument(
+        "--refiner-steps", type=int, help="default: by the scale; 0 for no refiner"
+    )
     command.add_argument("--batch", type=int, help="windows in a step; default: by the scale")
     command.add_argument("--projection", choices=PROJECTIONS, default="pixel", help="loss of Eq 1")
     command.add_argument("--weight", default="dynamic", help="of that loss: dynamic, or a number")

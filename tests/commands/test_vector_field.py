@@ -353,9 +353,9 @@ def refused(capsys, words, message):
         (["--data", "bop:nowhere"], "nowhere"),
         (["--data", "nonsense"], "source: expected"),
         (["--data", "linemod:nowhere"], "nowhere"),
-        (["--data", "categories"], "fixed objects"),
+        (["--data", "categories"], "1019, ..., which categories has, got [1, 3]"),
         (["--split", "holidays"], "split: expected"),
-        (["--objects", "1", "99"], "--objects: expected some of [1, 2, 3, 4, 5, 6, 7, 8]"),
+        (["--objects", "1", "99"], "--objects: expected some of 1, 2, 3, 4, 5, 6, 7, 8, which"),
         (["--steps", "0"], "--steps"),
         (["--refiner-steps", "-1"], "--refiner-steps"),
         (["--batch", "0"], "--batch"),
@@ -427,7 +427,7 @@ def change(**entries):
 
 def spoil(path):
     weights = safetensors.torch.load_file(path)
-    next(iter(weights.values())).fill_(math.nan)
+    weights["mask_layer.bias"].fill_(math.nan)
     safetensors.torch.save_file(weights, path)
 
 
