@@ -53,15 +53,16 @@ draw.map_of_the_book()
 # | 5 | [Learnable rotations](05_learnable_rotations.ipynb) | what numbers a network should say for a rotation |
 # | 6 | Poses as sets | all objects of an image at once |
 # | 7 | Rotation invariance | features that do not change when the object turns |
-# | 8 | Vector fields | PVNet, a loss in pixels, and knowing when to refine |
+# | 8 | [Vector fields](08_vector_fields.ipynb) | PVNet, a loss in pixels, and knowing when to refine (begun; training and claims to follow) |
 # | 9 | Colour-aware refinement | DenseFusion, improved step by step |
 # | 10 | The arena | every method on one test |
 #
 # Pages without a link are being written. Each chapter has exercises, and each exercise has a check
 # that answers at once: those of chapters [1](exercises/01_poses_and_cameras.ipynb),
-# [2](exercises/02_small_worlds.ipynb) and [5](exercises/05_learnable_rotations.ipynb), and their
-# solutions, [1](solutions/01_poses_and_cameras.ipynb), [2](solutions/02_small_worlds.ipynb) and
-# [5](solutions/05_learnable_rotations.ipynb).
+# [2](exercises/02_small_worlds.ipynb), [5](exercises/05_learnable_rotations.ipynb) and
+# [8](exercises/08_vector_fields.ipynb), and their solutions,
+# [1](solutions/01_poses_and_cameras.ipynb), [2](solutions/02_small_worlds.ipynb),
+# [5](solutions/05_learnable_rotations.ipynb) and [8](solutions/08_vector_fields.ipynb).
 #
 # ## How to run it
 #

@@ -380,7 +380,7 @@ def _one_is_long(numbers: Tensor, representation: str) -> Tensor:
 def _one_is_wide(numbers: Tensor) -> Tensor:
     """Rotations as matrices that stretch: one by y and z, all others by x."""
     R = numbers.unflatten(-1, (3, 3))
-    stretch = torch.tensor([10.0, 0.5, 0.5], dtype=R.dtype).expand(len(R), 3).clone()
+    stretch = torch.tensor([20.0, 0.2, 0.2], dtype=R.dtype).expand(len(R), 3).clone()
     stretch[_furthest(R)] = torch.tensor([1, 10, 10], dtype=R.dtype)
     return (R * stretch[:, None, :]).flatten(1)
 

@@ -203,8 +203,10 @@ def seen(tables: Mapping[str, Mapping[str, np.ndarray]], names: Sequence[str]) -
                 label = split if place == 0 else None
                 axes.plot(where, values, "os"[k], color=COLOURS[k], ms=6, label=label)
         axes.set_xticks(range(len(names)), [name.replace(", ", "\n") for name in names], fontsize=8)
-        axes.set(title=f"from its {kind}", ylim=(0, None), xlim=(-0.5, len(names) - 0.5))
+        axes.set(title=f"from its {kind}", xlim=(-0.5, len(names) - 0.5))
         axes.grid(alpha=0.3, axis="y")
+    # The panels share their axis: its end is known once all of them have been drawn.
+    np.atleast_1d(panels)[0].set_ylim(bottom=0)
     np.atleast_1d(panels)[0].set_ylabel("mean error, degrees")
     np.atleast_1d(panels)[-1].legend(fontsize=9, loc="lower right")
     return figure

@@ -4,29 +4,21 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from posecore.book.parts import drawing
 from posecore.figures import Picture, draw_axes, draw_box, draw_outline
 from posecore.figures.style import COLOURS, HALO, INK, new_picture
 from posecore.papers.vector_field.models import ObjectModel
 
-__all__ = [
-    "clouds",
-    "learnt",
-    "pose",
-    "residuals",
-    "seen",
-    "shares",
-    "windows",
-]
+__all__ = ["clouds", "learnt", "pose", "residuals", "seen", "shares", "windows"]
 
-rays = drawing("08_voting")
+rays, thin = drawing("08_voting"), drawing("02_light").thin
 fields_of = drawing("08_fields")
 crop, window, show_crop, field = (
     getattr(fields_of, name) for name in ("crop", "window", "show_crop", "field")
 )
 OUTLINES = tuple(zip((COLOURS[4], COLOURS[5], COLOURS[1]), ("-", "--", "-."), strict=True))
-TRUTH, ESTIMATE = COLOURS[0], COLOURS[1]
 Pose = tuple[np.ndarray, np.ndarray]
 Window = tuple[int, int, int, int]
 
@@ -58,10 +50,11 @@ def windows(
         show_crop(column[0], np.uint8(255 * image.clip(0, 1)), box)
         outlines(column[0], label, names)
         field(column[1], label > 0, wanted, box)
-    for number, name in enumerate(names):
-        colour, style = OUTLINES[number % len(OUTLINES)]
-        panels[0, 0].plot([], [], color=colour, ls=style, lw=2, label=name)
-    figure.legend(ncols=len(names), fontsize=9, loc="outside upper center", frameon=False)
+    keys = [
+        Line2D([], [], color=colour, ls=style, label=name)
+        for (colour, style), name in zip(OUTLINES, names, strict=False)
+    ]
+    figure.legend(handles=keys, ncols=len(keys), loc="outside upper center", frameon=False)
     return figure
 
 
@@ -74,14 +67,18 @@ def outlines(axes: Axes, label: np.ndarray, names: Sequence[str]) -> None:
 
 
 def learnt(
-    rgb: np.ndarray, mask: np.ndarray, stages: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    rgb: np.ndarray,
+    mask: np.ndarray,
+    stages: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    ends: Sequence[str],
 ) -> Picture:
-    """What networks say of one object: the mask as an outline, the field in the true mask.
+    """What networks say of one object: the mask as an outline, fields in the true mask.
 
     Args:
         rgb: (H, W, 3) bytes.
         mask: (H, W) bool, the truth.
-        stages: title -> mask (H, W) bool and vectors (H, W, 2).
+        stages: title -> mask (H, W) bool and vectors (H, W, N, 2).
+        ends: what the N fields point to.
     """
     said = "; ".join(
         f"{title}: {int((found & mask).sum())} of {int(mask.sum())} pixels in the mask, "
@@ -89,20 +86,24 @@ def learnt(
         for title, (found, _) in stages.items()
     )
     figure = new_picture(
-        2.4 * len(stages),
-        4.3,
+        2.1 * len(stages),
+        2.05 * (1 + len(ends)),
         "Above, a teapot with the outline of what a network takes for it; below, its pixels "
-        "coloured by the direction that the network says, with arrows. From left to right the "
-        f"outline finds the teapot and the colours become those of the truth. {said}.",
+        f"coloured by the direction that the network says, {', '.join(ends)}, with arrows. From "
+        f"left to right all become more like the truth. {said}.",
         "",
     )
-    panels = figure.subplots(2, len(stages))
+    panels = figure.subplots(1 + len(ends), len(stages))
     box = window(mask, np.argwhere(mask)[:1, ::-1], 0.15)
     for column, (title, (found, vectors)) in zip(panels.T, stages.items(), strict=True):
         show_crop(column[0], rgb, box)
-        draw_outline(column[0], found, colour=ESTIMATE)
+        draw_outline(column[0], found, colour=COLOURS[1])
+        thin(column[0])
         column[0].set_title(title, fontsize=10)
-        field(column[1], mask, vectors, box)
+        for n, axes in enumerate(column[1:]):
+            field(axes, mask, vectors[:, :, n], box)
+    for axes, end in zip(panels[1:, 0], ends, strict=True):
+        axes.set_ylabel(end)
     return figure
 
 
@@ -176,9 +177,8 @@ def clouds(
     box = window(mask, x, 0.22)
     show_crop(axes, rgb, box, pale=0.5)
     draw_outline(axes, mask, colour="0.45", style="--")
-    for k, (point, covariance, cloud) in enumerate(
-        zip(points, covariances, hypotheses, strict=True)
-    ):
+    for k, cloud in enumerate(hypotheses):
+        point, covariance = points[k], covariances[k]
         axes.plot(*cloud.T, ".", color=COLOURS[0], ms=2.5, antialiased=False)
         rays.draw_ellipse(axes, point, covariance)
         axes.plot(*x[k], **(rays.TRUTH | {"ms": 9}))
@@ -206,6 +206,7 @@ def pose(
         low, high = model.points.min(0), model.points.max(0)
         draw_box(axes, K, R, t, high - low, centre=(low + high) / 2)
         draw_axes(axes, K, R, t, 0.4 * model.diameter)
+    thin(axes)
     return figure
 
 
@@ -243,11 +244,13 @@ def residuals(
     for axes in (left, right):
         show_crop(axes, rgb, box, pale=0.6 if axes is right else 0.3)
         draw_outline(axes, mask, colour="0.4", style="--")
-    left.plot(*pixels[inside].T, "o", color=COLOURS[4], mec=INK, mew=0.5, ms=4, label="in the mask")
-    left.plot(*pixels[~inside].T, "X", color=COLOURS[1], mec=INK, mew=0.5, ms=6, label="outside")
+        thin(axes)
+    look = {"mec": INK, "mew": 0.5, "ls": "none", "antialiased": False}
+    left.plot(*pixels[inside].T, "o", color=COLOURS[4], ms=4, label="in the mask", **look)
+    left.plot(*pixels[~inside].T, "X", color=COLOURS[1], ms=6, label="outside", **look)
     some = np.flatnonzero(inside)[:: max(int(inside.sum()) // 28, 1)]
     length = 0.09 * (box[2] - box[0])
-    look = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.006, "headwidth": 4}
+    look = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.006, "antialiased": False}
     for vectors, colour, name in (
         (expected, COLOURS[0], "expected by the pose"),
         (said, COLOURS[4], "said by the field"),

@@ -10,7 +10,17 @@ from posecore.book.parts import drawing
 from posecore.figures import Picture, draw_keypoints, draw_outline
 from posecore.figures.style import COLOURS, HALO, INK, new_picture
 
-__all__ = ["crop", "field", "fields", "hidden", "keypoints", "patches", "show_crop", "window"]
+__all__ = [
+    "crop",
+    "field",
+    "fields",
+    "hidden",
+    "keypoints",
+    "patches",
+    "question",
+    "show_crop",
+    "window",
+]
 
 quiet = drawing("02_light").quiet
 Window = tuple[int, int, int, int]
@@ -43,6 +53,35 @@ def show_crop(axes: Axes, rgb: np.ndarray, box: Window, pale: float = 0.0) -> No
     axes.imshow(part, extent=extent, interpolation="nearest")
     axes.set_autoscale_on(False)
     axes.axis("off")
+
+
+def question(view: View, mask: np.ndarray, full: np.ndarray, x: np.ndarray) -> Picture:
+    """Arrows from what is seen of an object, mask (H, W), towards a point x (2,) that is hidden."""
+    figure = new_picture(
+        6.4,
+        4.4,
+        "A crowd of things on a table. A teapot lies behind a can and an egg box, and its spout "
+        "cannot be seen. From a dozen places on what is seen of it, arrows point the same way, at "
+        "a question mark on the can.",
+        "",
+    )
+    axes = figure.subplots()
+    box = window(full, x, 0.25)
+    show_crop(axes, view.rgb, box)
+    draw_outline(axes, mask, colour=COLOURS[0])
+    rows, columns = np.nonzero(mask)
+    seen = np.stack([columns, rows], -1)
+    far = np.full(len(seen), np.inf)
+    for _ in range(12):  # spread out: each one far from those before
+        start = seen[far.argmax()]
+        far = np.minimum(far, np.linalg.norm(seen - start, axis=-1))
+        way = 0.11 * (box[2] - box[0]) * (x - start) / np.linalg.norm(x - start)
+        arrow = {"arrowstyle": "-|>", "color": INK, "lw": 2, "path_effects": HALO}
+        arrow |= {"mutation_scale": 14, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", start + way, start, arrowprops=arrow)
+    axes.text(*x, "?", fontsize=26, weight="bold", color=INK, ha="center", va="center",
+              path_effects=HALO)  # fmt: skip
+    return figure
 
 
 def keypoints(

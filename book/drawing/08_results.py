@@ -19,7 +19,7 @@ fields_of = drawing("08_fields")
 crop, show_crop, field, window = (
     getattr(fields_of, name) for name in ("crop", "show_crop", "field", "window")
 )
-quiet = drawing("02_light").quiet
+quiet, thin = drawing("02_light").quiet, drawing("02_light").thin
 draw_ellipse = drawing("08_voting").draw_ellipse
 Pose = tuple[np.ndarray, np.ndarray]
 
@@ -31,20 +31,13 @@ def mended(first: np.ndarray, last: np.ndarray, overlap: np.ndarray, threshold: 
         f"{name}: {int((last < first)[part].sum())} of {int(part.sum())} smaller than before"
         for name, part in ((f"overlap above {threshold}", large), ("the others", ~large))
     )
-    figure = new_picture(
-        5.6,
-        4.2,
-        "Errors after refining over errors before, on log axes, a mark for each object; those "
-        f"below the diagonal have become smaller. {said}.",
-        "",
-    )
+    alt = "Errors after refining over errors before, on log axes, a mark for each object. "
+    figure = new_picture(5.6, 4.2, f"{alt}Below the diagonal they are smaller now: {said}.", "")
     axes = figure.subplots()
     ends = 0.003, 3.0
     axes.plot(ends, ends, color="0.5", lw=1.2)
-    for part, colour, marker, name in (
-        (~large, COLOURS[1], "x", f"overlap at most {threshold}"),
-        (large, COLOURS[0], ".", f"overlap above {threshold}"),
-    ):
+    for part, colour, marker, name in ((~large, COLOURS[1], "x", f"overlap at most {threshold}"),
+                                       (large, COLOURS[0], ".", f"above {threshold}")):  # fmt: skip
         values = np.clip([first[part], last[part]], *ends)
         axes.plot(*values, marker, color=colour, ms=5, label=name, ls="none", antialiased=False)
     for draw in (axes.axhline, axes.axvline):
@@ -64,15 +57,15 @@ def thresholds(at: np.ndarray, right: Mapping[str, np.ndarray], chosen: float) -
         f"{values.max():.1f} % at {at[values.argmax()]:.2f}"
         for split, values in right.items()
     )
-    figure = new_picture(6.0, 3.2, f"Nearly flat curves over the threshold. {said}.", "")
+    figure = new_picture(6.0, 3.2, f"Curves over the threshold of the overlap. {said}.", "")
     axes = figure.subplots()
     for number, (split, values) in enumerate(right.items()):
         axes.plot(at, values, color=COLOURS[number], ls=STYLES[number], label=split)
     axes.axvline(chosen, color="0.5", lw=1, ls=":")
     axes.set(xlabel="refine where the overlap is above", ylabel="right, %", xlim=(0, 1))
-    axes.set_ylim(0, 100)
+    axes.margins(y=0.5)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=9, loc="lower left")
+    axes.legend(fontsize=9, loc="center left")
     return figure
 
 
@@ -85,48 +78,41 @@ def gallery(
         rows: split -> title -> the picture (H, W, 3) bytes, K, the model, its true pose and the
             estimate, None where there is none.
     """
-    said = "; ".join(
-        f"{split}: {', '.join(title.replace(chr(10), ' ') for title in panels)}"
-        for split, panels in rows.items()
-    )
+    said = "; ".join(f"{split}: {', '.join(panels)}" for split, panels in rows.items())
     wide = max(len(panels) for panels in rows.values())
     figure = new_picture(
         2.4 * wide,
         2.75 * len(rows),
         "Objects with the box of the true pose, blue, and of the estimate, orange. In the first "
         "columns they agree, in the next they part, in the last there is only the true one. "
-        f"{said}.",
+        + said.replace("\n", " "),
         "",
     )
     panels = figure.subplots(len(rows), wide, squeeze=False)
-    boxes = {split: [around(*one[:4]) for one in shown.values()] for split, shown in rows.items()}
-    parts = [
-        crop(one[0], box)
-        for split, shown in rows.items()
-        for one, box in zip(shown.values(), boxes[split], strict=True)
+    every = [
+        (axes, title, one, around(*one[:4]))
+        for line, shown in zip(panels, rows.values(), strict=True)
+        for axes, (title, one) in zip(line, shown.items(), strict=False)
     ]
-    few = iter(quiet(parts, 64))
-    for line, (split, shown) in zip(panels, rows.items(), strict=True):
-        for axes in line:
-            axes.axis("off")
-        for axes, box, (title, (_, K, model, truth, found)) in zip(
-            line, boxes[split], shown.items(), strict=False
-        ):
-            extent = (box[0] - 0.5, box[2] - 0.5, box[3] - 0.5, box[1] - 0.5)
-            axes.imshow(next(few), extent=extent, interpolation="nearest")
-            axes.set_autoscale_on(False)
-            for pose, colour in ((truth, COLOURS[0]), (found, COLOURS[1])):
-                if pose is not None:
-                    draw_model_box(axes, K, pose, model.points, colour)
-            axes.set_title(title, fontsize=9.5)
-        line[0].text(-0.06, 0.5, split, rotation=90, transform=line[0].transAxes, va="center",
-                     ha="right", fontsize=11)  # fmt: skip
+    parts = quiet([crop(rgb, box) for *_, (rgb, *_), box in every], 48)
+    for (axes, title, (_, K, model, truth, found), box), part in zip(every, parts, strict=True):
+        extent = (box[0] - 0.5, box[2] - 0.5, box[3] - 0.5, box[1] - 0.5)
+        axes.imshow(part, extent=extent, interpolation="nearest")
+        axes.set_autoscale_on(False)
+        for pose, colour in ((truth, COLOURS[0]), (found, COLOURS[1])):
+            if pose is not None:
+                draw_model_box(axes, K, pose, model.points, colour)
+        thin(axes)
+        axes.set_title(title, fontsize=9.5)
+    for axes in panels.ravel():
+        axes.axis("off")
+    for axes, split in zip(panels[:, 0], rows, strict=True):
+        axes.text(-0.06, 0.5, split, rotation=90, transform=axes.transAxes, va="center",
+                  ha="right", fontsize=11)  # fmt: skip
     return figure
 
 
-def around(
-    rgb: np.ndarray, K: np.ndarray, model: ObjectModel, truth: Pose
-) -> tuple[int, int, int, int]:
+def around(rgb: np.ndarray, K: np.ndarray, model: ObjectModel, truth: Pose) -> tuple[int, ...]:
     """A window of a picture around an object in its true pose."""
     middle = cameras.project(K, poses.apply(*truth, model.keypoints[-1:]))[0]
     half = 0.85 * K[0, 0] * model.diameter / truth[1][2]
@@ -169,9 +155,7 @@ def by_visibility(
         x = np.arange(len(spans)) + 0.12 * (number - (len(right) - 1) / 2)
         look = {"color": COLOURS[number], "marker": MARKERS[number % 4]}
         axes.plot(x, means[name], ls=STYLES[number % 4], ms=6, label=name, **look)
-        if np.ndim(values) == 2:
-            for one in values:
-                axes.plot(x, one, ls="none", ms=3, alpha=0.6, **look)
+        axes.plot(x, np.atleast_2d(values).T, ls="none", ms=3, alpha=0.6, **look)
     labels = (
         spans if counts is None else [f"{s}\n({n})" for s, n in zip(spans, counts, strict=True)]
     )
@@ -212,13 +196,15 @@ def real(
     )
     left, right = figure.subplots(1, 2)
     box = window(photo.mask, x, 0.12)
-    field(left, photo.mask, vectors, box)
+    coarse = np.ix_(*(np.arange(side) // 3 * 3 for side in photo.mask.shape))  # a smaller file
+    field(left, photo.mask, vectors[coarse], box)
     left.plot(*x[0], "o", mfc="white", mec=INK, ms=10, mew=1.8)
     show_crop(right, photo.rgb, box, pale=0.3)
     draw_outline(right, photo.mask, colour="0.4", style="--")
     corners = photo.centre + np.array([[-1], [1]]) * photo.size / 2
     for pose, colour in (((photo.R, photo.t), COLOURS[0]), (found, COLOURS[1])):
         draw_model_box(right, photo.K, pose, corners, colour)
+    thin(right)
     for k, (point, covariance) in enumerate(zip(points, covariances, strict=True)):
         draw_ellipse(right, point, covariance)
         right.plot(*x[k], "o", mfc="none", mec=INK, ms=8, mew=1.4)
@@ -281,6 +267,9 @@ def seeds(
         axes.set_xticks(range(len(table)), [name.replace(", ", "\n") for name in table], fontsize=9)
         axes.set(title=title, xlim=(-0.5, len(table) - 0.5), ylabel="right, %")
         axes.grid(alpha=0.3, axis="y")
+    if paper:
+        axes.plot([], [], "x", color="0.4", ms=8, mew=1.8, label="the paper's, on other objects")
+        figure.legend(fontsize=9, loc="outside upper center", frameon=False)
     return figure
 
 
@@ -293,9 +282,7 @@ def speed(stages: Mapping[str, Sequence[float]], paper: Sequence[float]) -> Pict
     """
     totals = np.sum(list(stages.values()), axis=0)
     said = ", ".join(f"{1 + n}: {total:.1f} ms" for n, total in enumerate(totals))
-    figure = new_picture(
-        6.4, 2.8, f"Bars of the time for one image by number of objects, {said}.", ""
-    )
+    figure = new_picture(6.4, 2.8, f"Bars of the time for an image by objects, {said}.", "")
     axes = figure.subplots()
     left = np.zeros(len(totals))
     for number, (name, values) in enumerate(stages.items()):
@@ -305,10 +292,8 @@ def speed(stages: Mapping[str, Sequence[float]], paper: Sequence[float]) -> Pict
     for n, total in enumerate(totals):
         axes.text(total, n, f" {1000 / total:.0f} a second (paper {paper[n]:g})", va="center",
                   fontsize=9, path_effects=HALO)  # fmt: skip
-    axes.set_yticks(
-        range(len(totals)), [f"{1 + n} object{'s' * (n > 0)}" for n in range(len(totals))]
-    )
+    axes.set_yticks(range(len(totals)), ["1 object", "2 objects", "3 objects"][: len(totals)])
     axes.set(xlabel="milliseconds for one image", xlim=(0, 1.45 * totals.max()))
     axes.invert_yaxis()
-    axes.legend(fontsize=9, loc="lower right")
+    figure.legend(fontsize=9, loc="outside upper center", ncols=len(stages), frameon=False)
     return figure

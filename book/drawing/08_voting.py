@@ -22,6 +22,7 @@ __all__ = [
     "hidden",
     "keypoints",
     "patches",
+    "question",
     "rays",
     "scores",
     "two_pixels",
@@ -31,7 +32,7 @@ __all__ = [
 quiet = drawing("02_light").quiet
 fields_of = drawing("08_fields")
 field, fields, hidden = fields_of.field, fields_of.fields, fields_of.hidden
-keypoints, patches = fields_of.keypoints, fields_of.patches
+keypoints, patches, question = fields_of.keypoints, fields_of.patches, fields_of.question
 crop, window, show_crop = fields_of.crop, fields_of.window, fields_of.show_crop
 Window = tuple[int, int, int, int]
 TRUTH = {"marker": "o", "ms": 13, "mfc": "none", "mec": INK, "mew": 1.8, "ls": "none"}

@@ -162,10 +162,10 @@ def procrustes_gradient(M, G):
     """The gradient (3, 3) of a loss at M, from its gradient G (3, 3) at the nearest rotation.
 
     >>> G = torch.tensor([[0.0, -1, 0], [1, 0, 0], [0, 0, 0]])
-    >>> procrustes_gradient(2 * torch.eye(3), G)[:, :2]
-    tensor([[ 0.0000, -0.5000],
-            [ 0.5000,  0.0000],
-            [ 0.0000,  0.0000]])
+    >>> procrustes_gradient(2 * torch.eye(3), G)
+    tensor([[ 0.0000, -0.5000,  0.0000],
+            [ 0.5000,  0.0000,  0.0000],
+            [ 0.0000,  0.0000,  0.0000]])
     """
     ...  # your code here
 
@@ -242,7 +242,8 @@ for name, start in (("identity", torch.eye(3)), ("rotation", R[0])):
 # | `x` | (N, 6) | $a$, then $b$: never 0 and never parallel; of any length; N may be 0 |
 # | **out** | (N, 3, 3) | rotations, with the columns $r_1, r_2, r_3$ |
 #
-# It is a network's last layer, so a gradient must be able to pass. Three lines are enough.
+# It is a network's last layer: the gradient has to pass, and the check looks at it, too. Three lines
+# are enough.
 #
 # The picture shows what is expected, looking down on the plane of $a$ and $b$.
 
@@ -439,8 +440,8 @@ for name, some in (("near the hole", ~away), ("elsewhere", away)):
 #
 # - `RotationHead(representation)` of chapter 5 knows them all: `.decode(numbers)` gives rotations
 #   (N, 3, 3), `.encode(R)` numbers (N, size), `.size` how many.
-# - All predictions count the same. Networks say quaternions of both signs, and vectors and matrices
-#   of any length.
+# - All predictions count the same, whatever the length of their numbers. Networks say quaternions of
+#   both signs, quaternions and vectors of any length, and matrices that stretch.
 #
 # There are many means, and the check takes any good one: the root mean square angle to the
 # predictions may be at most 5 % above the least that any rotation has.

@@ -83,7 +83,7 @@ def train_net(
         models(),
         steps=steps,
         count=choose(tiny=4, book=16, paper=32),
-        size=choose(tiny=64, book=128, paper=256),
+        size=choose(tiny=64, book=96, paper=256),
         seed=seed,
         augment=VARIED,
     )
@@ -94,7 +94,7 @@ def train_net(
         windows,
         Objective(models(), loss),
         steps=steps,
-        lr=2e-3,
+        lr=4e-3,
         schedule="cosine",
         clip=10.0,
         seed=seed,

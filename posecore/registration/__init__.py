@@ -3,5 +3,15 @@
 from posecore.registration.alignment import Alignment, umeyama
 from posecore.registration.icp import IcpResult, icp, refine_on_depth
 from posecore.registration.pnp import PnpResult, pnp
+from posecore.registration.weighted_pnp import uncertainty_pnp
 
-__all__ = ["Alignment", "IcpResult", "PnpResult", "icp", "pnp", "refine_on_depth", "umeyama"]
+__all__ = [
+    "Alignment",
+    "IcpResult",
+    "PnpResult",
+    "icp",
+    "pnp",
+    "refine_on_depth",
+    "umeyama",
+    "uncertainty_pnp",
+]

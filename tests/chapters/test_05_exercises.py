@@ -192,6 +192,20 @@ def gradient_without_the_determinant(M: Any, G: Any) -> Tensor:
     return U @ ((Y - Y.T) / sums) @ Vh
 
 
+def gradient_with_an_epsilon(M: Any, G: Any) -> Tensor:
+    U, s, DVh, Y = factors(M, G)
+    return U @ ((Y - Y.T) / (s[:, None] + s + 1e-8)) @ DVh
+
+
+def gradient_with_clamped_sums(M: Any, G: Any) -> Tensor:
+    U, s, DVh, Y = factors(M, G)
+    return U @ ((Y - Y.T) / (s[:, None] + s).clamp(min=1e-3)) @ DVh
+
+
+def gradient_of_zero_where_flat(M: Any, G: Any) -> Tensor:
+    return gradient_at_once(M, G) * (torch.linalg.det(M).abs() > 1e-9)
+
+
 def gradient_passed_on(M: Any, G: Any) -> Tensor:
     return G
 
@@ -249,6 +263,26 @@ def six_in_turns(x: Any) -> Tensor:
 
 def six_cut_off(x: Any) -> Tensor:
     return six_by_two_crosses(x.detach())
+
+
+def six_one_by_one(x: Any) -> Tensor:
+    result = x.new_zeros(len(x), 3, 3)
+    for i, numbers in enumerate(x):
+        result[i] = six_by_two_crosses(numbers[None])[0]
+    return result
+
+
+def six_with_a_number_torn_out(x: Any) -> Tensor:
+    result = x.new_zeros(len(x), 3, 3)
+    for i, numbers in enumerate(x):
+        r_1 = normalize(numbers[:3], dim=0)
+        r_2 = normalize(numbers[3:] - float(r_1 @ numbers[3:]) * r_1, dim=0)
+        result[i] = torch.stack([r_1, r_2, torch.linalg.cross(r_1, r_2)], 1)
+    return result
+
+
+def six_with_a_gradient_of_its_own(x: Any) -> Tensor:
+    return six_cut_off(x) * torch.ones(1, dtype=x.dtype, requires_grad=True)
 
 
 def six_in_numpy(x: Any) -> np.ndarray:
@@ -362,6 +396,19 @@ def mean_of_unit_numbers(numbers: Any, representation: str) -> Tensor:
     return mean_of_numbers(numbers, representation)
 
 
+def mean_of_quaternions_as_long_as_they_are(numbers: Any, representation: str) -> Tensor:
+    if representation == "quaternion":
+        numbers = numbers * (numbers @ numbers[0]).sign()[:, None]
+        return mean_of_numbers(numbers, representation)
+    return mean_by_the_library(numbers, representation)
+
+
+def mean_of_unit_matrices(numbers: Any, representation: str) -> Tensor:
+    if representation == "procrustes":
+        return mean_of_unit_numbers(numbers, representation)
+    return mean_by_the_library(numbers, representation)
+
+
 def mean_matrix(numbers: Any, representation: str) -> Tensor:
     return RotationHead(representation).decode(numbers).mean(0)
 
@@ -395,7 +442,9 @@ RIGHT = [
     ("procrustes_gradient", gradient_by_entries),
     ("procrustes_gradient", gradient_by_a_linear_system),
     ("procrustes_gradient", gradient_by_differences),
+    ("procrustes_gradient", gradient_with_an_epsilon),
     ("six_to_rotation", six_by_two_crosses),
+    ("six_to_rotation", six_one_by_one),
     ("hole_axis", hole_by_weights),
     ("hole_axis", hole_by_search),
     ("mean_prediction", mean_by_the_library),
@@ -457,6 +506,13 @@ WRONG = [
     ("procrustes_gradient", gradient_without_the_determinant, "a matrix that mirrors", "got"),
     ("procrustes_gradient", gradient_passed_on, "a matrix that only stretches", "got"),
     ("procrustes_gradient", gradient_that_projects, "a matrix that only stretches", "got"),
+    (
+        "procrustes_gradient",
+        gradient_with_clamped_sums,
+        "a matrix nearer to a jump: s_2 + s_3 = 0.0005",
+        "got",
+    ),
+    ("procrustes_gradient", gradient_of_zero_where_flat, "a flat matrix, s_3 = 0", "got"),
     ("six_to_rotation", six_without_leaning, "two vectors at 45 degrees", "got"),
     ("six_to_rotation", six_as_rows, "columns of three rotations", "got"),
     ("six_to_rotation", six_without_the_last_length, "a second vector of another length", "got"),
@@ -465,6 +521,18 @@ WRONG = [
     ("six_to_rotation", six_beginning_with_b, "two vectors at 45 degrees", "got"),
     ("six_to_rotation", six_in_turns, "the first two columns", "got"),
     ("six_to_rotation", six_cut_off, "numbers of a network, with a gradient", "no gradient"),
+    (
+        "six_to_rotation",
+        six_with_a_number_torn_out,
+        "numbers of a network, with a gradient",
+        "not their gradient",
+    ),
+    (
+        "six_to_rotation",
+        six_with_a_gradient_of_its_own,
+        "numbers of a network, with a gradient",
+        "not their gradient",
+    ),
     ("six_to_rotation", six_in_numpy, "the first two columns", "expected a tensor"),
     ("six_to_rotation", six_with_constants, "numbers in float32", "RuntimeError"),
     ("hole_axis", hole_by_the_worst, "a random axis, ten wrong labels", "degrees off"),
@@ -479,6 +547,13 @@ WRONG = [
     ("hole_axis", hole_along_y, "an axis along z", "degrees off"),
     ("mean_prediction", mean_of_numbers, "predictions near half a turn", "degrees"),
     ("mean_prediction", mean_of_unit_numbers, "predictions near half a turn", "degrees"),
+    (
+        "mean_prediction",
+        mean_of_quaternions_as_long_as_they_are,
+        "numbers of different lengths",
+        "degrees",
+    ),
+    ("mean_prediction", mean_of_unit_matrices, "matrices that stretch", "degrees"),
     ("mean_prediction", mean_matrix, "predictions near the identity", "a matrix that stretches"),
     ("mean_prediction", mean_by_the_first, "predictions near the identity", "degrees"),
     ("mean_prediction", mean_by_the_middle_one, "predictions near the identity", "degrees"),
@@ -541,6 +616,12 @@ def test_six_numbers_are_a_qr_decomposition(seed: int) -> None:
     columns = Q * np.sign(triangle.diagonal())
     expected = np.c_[columns, np.cross(*columns.T)]
     assert np.allclose(checks.six_to_rotation(x)[0].numpy(), expected, atol=1e-9)
+
+
+def test_a_gradient_is_asked_of_the_copy_that_the_student_got() -> None:
+    x = doubles(2, 6, seed=0).requires_grad_()
+    assert checks._leaf(six_by_two_crosses(x)) is x
+    assert checks._leaf(six_one_by_one(x)) is x
 
 
 @given(seeds)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import data_tools
-from data_tools import Dataset, ObjectView, View, readers, views
+from data_tools import Dataset, ObjectView, View, readers
 
 K = np.array([[500.0, 0, 4], [0, 500, 3], [0, 0, 1]])
 EYE = np.eye(3)

@@ -26,7 +26,7 @@ from posecore.papers.vector_field.masked_fields import MaskedFields, look_at
 from posecore.papers.vector_field.models import ObjectModel, require_models
 from posecore.papers.vector_field.network import VectorFieldNet
 from posecore.papers.vector_field.refinement import FieldRefiner
-from posecore.papers.vector_field.voting import Votes, vote_pixels
+from posecore.papers.vector_field.voting import FITS, Votes, vote_pixels
 from posecore.registration.weighted_pnp import uncertainty_pnp
 from posecore.training.machine import uses_bfloat16
 
@@ -85,6 +85,7 @@ class VectorFieldSystem:
         min_pixels: masks with fewer are no object. Every other gets an estimate.
         hypotheses: of the vote.
         seed: of the vote; the same seed gives the same poses.
+        fit: of the vote, its last step: "lines" or "angles".
 
     Raises:
         ValueError: naming an argument that cannot be.
@@ -101,6 +102,7 @@ class VectorFieldSystem:
         min_pixels: int = 20,
         hypotheses: int = 128,
         seed: int = 0,
+        fit: str = "lines",
     ) -> None:
         self.models = require_models(models)
         if not isinstance(net, VectorFieldNet):
@@ -126,6 +128,8 @@ class VectorFieldSystem:
         self.min_pixels = require_integer("min_pixels", min_pixels, 1)
         self.hypotheses = require_integer("hypotheses", hypotheses, 1)
         self.seed = require_integer("seed", seed, 0)
+        require_choice("fit", fit, FITS)
+        self.fit = fit
 
     @classmethod
     def named(
@@ -134,7 +138,7 @@ class VectorFieldSystem:
         net: VectorFieldNet,
         models: Sequence[ObjectModel],
         refiner: FieldRefiner | None = None,
-        **options: float,
+        **options: float | str,
     ) -> VectorFieldSystem:
         """One of `SYSTEMS`; `options` are those of the class."""
         require_choice("name", name, list(SYSTEMS))
@@ -200,8 +204,8 @@ class VectorFieldSystem:
         votes = []
         for entry in entries.tolist():
             pixels, vectors = (part.double().cpu().numpy() for part in fields.of(entry))
-            vote = vote_pixels(pixels, vectors, hypotheses=self.hypotheses, seed=self.seed)
-            votes.append((pixels, vote))
+            options = {"hypotheses": self.hypotheses, "seed": self.seed, "fit": self.fit}
+            votes.append((pixels, vote_pixels(pixels, vectors, **options)))
         voted = time.perf_counter()
         first = [
             _first_pose(vote, pixels, model, camera.numpy())

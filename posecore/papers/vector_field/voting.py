@@ -1,8 +1,8 @@
 """From a field of directions to keypoints: pixels vote for where their rays cross.
 
 Every pixel of an object says in which direction a keypoint lies. Two rays cross in a hypothesis;
-the hypothesis that most pixels point at wins, and the lines of those pixels give the keypoint by
-least squares. How far the good hypotheses lie apart tells how sure it is.
+the hypothesis that most pixels point at wins, and those pixels give the keypoint by least squares.
+How far the good hypotheses lie apart tells how sure it is.
 
 Source: Peng et al. 2019, "PVNet: Pixel-wise Voting Network for 6DoF Pose Estimation", section 3.1.
 """
@@ -15,9 +15,23 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from posecore.arrays import Array, array_function, fail, require_integer, require_number
+from posecore.arrays import Array, fail, require_choice, require_integer
+from posecore.papers.vector_field.lines import (
+    cone_walls,
+    count_inliers,
+    count_inside,
+    crossings,
+    directions,
+    fit_angles,
+    fit_lines,
+    hypothesis_covariance,
+    intersect_lines,
+    require_threshold,
+    who_looks_at,
+)
 
 __all__ = [
+    "FITS",
     "Votes",
     "count_inliers",
     "hypothesis_covariance",
@@ -26,15 +40,12 @@ __all__ = [
     "vote_pixels",
 ]
 
-FLOOR = 0.1
-"""Pixels: no keypoint is believed to be surer than this."""
+FITS = ("lines", "angles")
+"""What the last step on the inliers can make least."""
 UNKNOWN = 1000.0
 """Pixels: the standard deviation given to a keypoint that no two pixels vote for."""
-_PARALLEL = 1e-4  # rays at a smaller angle (radians) cross further away than any image reaches
-_ONE_POINT = 1e-12  # of the trace squared; lines agree to two millionths of a radian under it
 _CONFIDENCE = 0.99
 _BELOW = 0.1  # PVNet's released code leaves out hypotheses with a share this much below the best
-_CHUNK = 255  # pixels; their tests stay in the cache, and a byte holds their count
 
 
 class Votes(NamedTuple):
@@ -65,6 +76,7 @@ def vote(
     threshold: float = 0.99,
     rounds: int = 20,
     seed: int = 0,
+    fit: str = "lines",
 ) -> Votes:
     """Keypoints of several objects in one image, by RANSAC over the pixels of each.
 
@@ -81,6 +93,9 @@ def vote(
         threshold: cosine in (0, 1) of the angle by which an inlier may miss.
         rounds: most rounds; of several, the one with the best hypothesis is returned.
         seed: of the draws; the same seed gives the same keypoints.
+        fit: the last step on the inliers. "lines", PVNet's: least squared distance to their lines,
+            which lies too near to the mask if they are noisy. "angles": least squared angles, with
+            no such bias; the point of the lines where that finds none.
 
     Returns:
         `Votes`, computed in float64, in the kind and precision of `vectors`.
@@ -96,7 +111,7 @@ def vote(
     expected = (fields.shape[0], *fields.shape[3:])
     if inside.shape != expected:
         fail("mask", f"shape {expected} as vectors have", f"shape {inside.shape}")
-    settings = _settings(hypotheses, sample, threshold, rounds, seed)
+    settings = _settings(hypotheses, sample, threshold, rounds, seed, fit)
 
     votes = []
     for field, wanted in zip(fields, inside, strict=True):
@@ -115,13 +130,14 @@ def vote_pixels(
     threshold: float = 0.99,
     rounds: int = 20,
     seed: int = 0,
+    fit: str = "lines",
 ) -> Votes:
     """`vote` for one object whose pixels are given as a list.
 
     Args:
         pixels: (P, 2) pixels of the object; P may be 0.
         vectors: (P, K, 2) from each pixel towards each keypoint.
-        hypotheses, sample, threshold, rounds, seed: as in `vote`.
+        hypotheses, sample, threshold, rounds, seed, fit: as in `vote`.
 
     Returns:
         `Votes` without their first dimension.
@@ -136,126 +152,9 @@ def vote_pixels(
         fail("vectors", f"shape ({len(places)}, K, 2)", f"shape {field.shape}")
     if not np.isfinite(places).all():
         fail("pixels", "finite values", f"{int((~np.isfinite(places)).sum())} others")
-    settings = _settings(hypotheses, sample, threshold, rounds, seed)
+    settings = _settings(hypotheses, sample, threshold, rounds, seed, fit)
     gathered = field.transpose(1, 2, 0).astype(np.float64, order="C")
     return _like(_vote(places.astype(np.float64), gathered, settings), vectors)
-
-
-@array_function(points="... L 2", directions="... L 2", weights="... L")
-def intersect_lines(points: Array, directions: Array, weights: Array | None = None) -> Array:
-    """The point of least weighted squared distance to L lines; the crossing if they are two.
-
-    Lines, not rays: the point may lie behind them. Where all lines have one direction, many points
-    are as good: of these, the one nearest to the weighted mean of `points`.
-
-    Args:
-        points: (..., L, 2) a point on each line.
-        directions: (..., L, 2) of any length; a line of length 0 counts for nothing.
-        weights: (..., L) at least 0, of any sum; equal if not given. If no line counts, the result
-            is the mean of `points`.
-
-    Returns:
-        (..., 2), computed in float64.
-
-    Raises:
-        ValueError: if a weight is negative.
-    """
-    dtype = points.dtype
-    points, directions = torch.broadcast_tensors(points.double(), directions.double())
-    if weights is None:
-        weights = points.new_ones(points.shape[:-1])
-    elif bool((weights < 0).any()):
-        fail("weights", "at least 0", f"the smallest {float(weights.min()):g}")
-    # Coordinates one by one: PyTorch is slow where it adds up two numbers at a time.
-    cosine, sine = _unit(*directions.unbind(-1))
-    x, y = -sine, cosine  # the normal
-    weights = weights.double() * ((x != 0) | (y != 0))
-    weights = weights / weights.amax(-1, keepdim=True).clamp_min(torch.finfo(torch.float64).tiny)
-    counted = torch.where(weights.sum(-1, keepdim=True) > 0, weights, 1.0)
-    middle = (counted[..., None, :] @ points)[..., 0, :] / counted.sum(-1, keepdim=True)
-    # Measured from the middle, the numbers stay small: less is lost where lines nearly agree.
-    right, down = (points - middle[..., None, :]).unbind(-1)
-    offsets = x * right + y * down
-    a, b, c = ((weights * product).sum(-1) for product in (x * x, x * y, y * y))
-    u, v = (weights * x * offsets).sum(-1), (weights * y * offsets).sum(-1)
-    trace, determinant = a + c, a * c - b * b
-    one_point = determinant > _ONE_POINT * trace.square()
-    exact = torch.stack([c * u - b * v, a * v - b * u], -1)
-    exact = exact / torch.where(one_point, determinant, 1.0)[..., None]
-    # One direction only: the matrix is trace * n n^T, and its pseudoinverse divides by the trace.
-    nearest = torch.stack([u, v], -1) / torch.where(trace > 0, trace, 1.0)[..., None]
-    return (middle + torch.where(one_point[..., None], exact, nearest)).to(dtype)
-
-
-@array_function(pixels="P 2", vectors="P K 2", hypotheses="K S 2")
-def count_inliers(
-    pixels: Array, vectors: Array, hypotheses: Array, threshold: float = 0.99
-) -> Array:
-    """How many pixels point at each hypothesis: `(h - p) . v > threshold |h - p| |v|`.
-
-    A vector of length 0 points nowhere. Computed in float32: a pixel that misses by the threshold
-    to six digits, or that the hypothesis lies on, may fall on either side.
-
-    Args:
-        pixels: (P, 2) x, y.
-        vectors: (P, K, 2) from each pixel towards each keypoint.
-        hypotheses: (K, S, 2) in pixels.
-        threshold: cosine in (0, 1).
-
-    Returns:
-        (K, S) int64.
-
-    Raises:
-        ValueError: if `threshold` is not between 0 and 1.
-    """
-    threshold = _require_threshold(threshold)
-    places, field, guesses = (
-        x.detach().cpu().double().numpy() for x in (pixels, vectors, hypotheses)
-    )
-    middle = places.mean(0)
-    walls = _walls(places - middle, _directions(field.transpose(1, 2, 0)), threshold)
-    counts = _count(walls, guesses - middle)
-    return torch.from_numpy(counts).to(pixels.device)
-
-
-@array_function(hypotheses="... S 2", weights="... S", centre="... 2")
-def hypothesis_covariance(
-    hypotheses: Array, weights: Array, centre: Array | None = None, floor: float = FLOOR
-) -> Array:
-    """How far weighted hypotheses lie apart (PVNet, section 3.1).
-
-    `floor` squared is added on the diagonal, and a millionth of the trace, so that the result is
-    positive definite also where all hypotheses agree or lie on a line, and also in float32.
-
-    Args:
-        hypotheses: (..., S, 2) in pixels.
-        weights: (..., S) at least 0 and not all 0.
-        centre: (..., 2) what distances are measured from; the weighted mean if not given. `vote`
-            gives the keypoint: if the mean lies elsewhere, that makes it less sure as well.
-        floor: pixels, above 0.
-
-    Returns:
-        (..., 2, 2) pixels squared.
-
-    Raises:
-        ValueError: if a weight is negative, all of a keypoint's are 0, or `floor` is not positive.
-    """
-    floor = require_number("floor", floor, above=0)
-    largest = weights.amax(-1, keepdim=True)
-    if bool((weights < 0).any()) or bool((largest == 0).any()):
-        fail("weights", "at least 0 and not all 0", f"the smallest {float(weights.min()):g}")
-    shares = weights.double() / largest.double()
-    shares = shares / shares.sum(-1, keepdim=True)
-    guesses = hypotheses.double()
-    if centre is None:
-        middle = (shares[..., None] * guesses).sum(-2)
-    else:
-        middle = centre.double()
-    x, y = (guesses - middle[..., None, :]).unbind(-1)
-    xx, xy, yy = ((shares * product).sum(-1) for product in (x * x, x * y, y * y))
-    least = floor**2 + 1e-6 * (xx + yy)
-    entries = torch.stack([xx + least, xy, xy, yy + least], -1)
-    return entries.unflatten(-1, (2, 2)).to(hypotheses.dtype)
 
 
 class _Settings(NamedTuple):
@@ -264,22 +163,21 @@ class _Settings(NamedTuple):
     threshold: float
     rounds: int
     seed: int
+    fit: str
 
 
 def _settings(
-    hypotheses: int, sample: int | None, threshold: float, rounds: int, seed: int
+    hypotheses: int, sample: int | None, threshold: float, rounds: int, seed: int, fit: str
 ) -> _Settings:
+    require_choice("fit", fit, FITS)
     return _Settings(
         require_integer("hypotheses", hypotheses, 1),
         None if sample is None else require_integer("sample", sample, 2),
-        _require_threshold(threshold),
+        require_threshold(threshold),
         require_integer("rounds", rounds, 1),
         require_integer("seed", seed, 0),
+        fit,
     )
-
-
-def _require_threshold(threshold: float) -> float:
-    return require_number("threshold", threshold, high=1 - 1e-9, above=0)
 
 
 def _vote(pixels: np.ndarray, vectors: np.ndarray, settings: _Settings) -> Votes:
@@ -299,10 +197,14 @@ def _vote(pixels: np.ndarray, vectors: np.ndarray, settings: _Settings) -> Votes
             chosen = generator.choice(count, settings.sample, replace=False)
             pixels, vectors = pixels[chosen], vectors[..., chosen]
         centred = pixels - middle
-        units = _directions(vectors)
-        walls = _walls(centred, units, settings.threshold)
+        units = directions(vectors)
+        walls = cone_walls(centred, units, settings.threshold)
         guesses, weights = _ransac(centred, units, walls, settings, generator)
-        refined = _refine(centred, units, walls, guesses[np.arange(keypoints), weights.argmax(1)])
+        winners = guesses[np.arange(keypoints), weights.argmax(1)]
+        inside = who_looks_at(walls, winners)
+        refined = fit_lines(centred, units, inside, winners)
+        if settings.fit == "angles":
+            refined = fit_angles(centred, units, inside, refined)
         weights[weights < weights.max(1, keepdims=True) - _BELOW] = 0
         found = weights.max(1) > 0
         covariances[found] = hypothesis_covariance(guesses[found], weights[found], refined[found])
@@ -329,13 +231,13 @@ def _ransac(
         draws = (len(unsure), settings.hypotheses)
         first = generator.integers(count, size=draws)
         second = (first + generator.integers(1, count, size=draws)) % count  # never the same pixel
-        guesses, cross = _crossings(
+        guesses, cross = crossings(
             pixels[first],
             units[unsure[:, None], :, first],
             pixels[second],
             units[unsure[:, None], :, second],
         )
-        shares = _count(walls[unsure], guesses) * cross / count
+        shares = count_inside(walls[unsure], guesses) * cross / count
         better = shares.max(1) > best[unsure]
         chosen = unsure[better]
         hypotheses[chosen], votes[chosen] = guesses[better], shares[better]
@@ -345,87 +247,6 @@ def _ransac(
         if not len(unsure):
             break
     return hypotheses, votes
-
-
-def _crossings(
-    p: np.ndarray, v: np.ndarray, q: np.ndarray, w: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Where lines through p along v and through q along w cross, (..., 2), and if they do, (...).
-
-    Parallel lines get the middle between p and q. `v` and `w` are unit or zero vectors.
-    """
-    sine = v[..., 0] * w[..., 1] - v[..., 1] * w[..., 0]
-    cross = np.abs(sine) > _PARALLEL
-    between = q - p
-    along = between[..., 0] * w[..., 1] - between[..., 1] * w[..., 0]
-    along = along / np.where(cross, sine, 1)
-    crossing = p + along[..., None] * v
-    return np.where(cross[..., None], crossing, (p + q) / 2), cross
-
-
-def _walls(pixels: np.ndarray, units: np.ndarray, threshold: float) -> np.ndarray:
-    """The two straight walls of the cone that each pixel looks into, (K, 2, 3, P) float32.
-
-    A point h at h - p = d is inside if d . v > cos |d|. With the tangent of the angle and v turned
-    by a quarter, n, that is tan d . v > |d . n|, two inequalities linear in d: h is inside if
-    (h, 1) has positive products with both walls. Unlike the square, this loses no digits.
-    """
-    tangent = np.sqrt(1 - threshold**2) / threshold
-    x, y = units[:, 0], units[:, 1]
-    walls = np.empty((len(units), 2, 3, len(pixels)), np.float32)
-    for side, (a, b) in enumerate(
-        [(tangent * x + y, tangent * y - x), (tangent * x - y, tangent * y + x)]
-    ):
-        walls[:, side, 0], walls[:, side, 1] = a, b
-        walls[:, side, 2] = -(a * pixels[:, 0] + b * pixels[:, 1])
-    return walls
-
-
-def _count(walls: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """How many of the pixels' cones (K, 2, 3, P) each of the points (K, S, 2) is in, (K, S)."""
-    counts = np.zeros(points.shape[:2], np.int64)
-    for total, pair, rows in zip(counts, walls, _with_one(points), strict=True):
-        for start in range(0, pair.shape[-1], _CHUNK):
-            positive = (
-                pair[..., start : start + _CHUNK].swapaxes(1, 2) @ rows.T > 0
-            )  # (2, chunk, S)
-            total += np.add.reduce(positive[0] & positive[1], axis=0, dtype=np.uint8)
-    return counts
-
-
-def _refine(
-    pixels: np.ndarray, units: np.ndarray, walls: np.ndarray, winners: np.ndarray
-) -> np.ndarray:
-    """`intersect_lines` of the pixels that point at each winner (K, 2), without its threads.
-
-    As a step from the winner, and none in a direction that the lines leave open.
-    """
-    inside = ((_with_one(winners)[:, None, None] @ walls)[:, :, 0] > 0).all(1)  # (K, P)
-    x, y = -units[:, 1] * inside, units[:, 0] * inside  # normals
-    offsets = x * (pixels[:, 0] - winners[:, :1]) + y * (pixels[:, 1] - winners[:, 1:])
-    normals = np.stack([x, y], 1)  # (K, 2, P)
-    inverse = np.linalg.pinv(normals @ normals.swapaxes(1, 2), rcond=_ONE_POINT, hermitian=True)
-    return winners + (inverse @ (normals @ offsets[..., None]))[..., 0]
-
-
-def _with_one(points: np.ndarray) -> np.ndarray:
-    return np.concatenate([points, np.ones_like(points[..., :1])], -1).astype(np.float32)
-
-
-def _directions(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (K, 2, P) of length 1, or 0 where they have none."""
-    length = np.hypot(vectors[:, :1], vectors[:, 1:])
-    return vectors / np.where(length > 0, length, 1)
-
-
-def _unit(x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    """`_directions` with gradients; divided twice, so that no square leaves the range."""
-    largest = torch.maximum(x.abs(), y.abs())
-    largest = torch.where(largest > 0, largest, 1.0)
-    x, y = x / largest, y / largest
-    squares = x * x + y * y
-    length = torch.where(squares > 0, squares, 1.0).sqrt()
-    return x / length, y / length
 
 
 def _array(name: str, value: object) -> np.ndarray:

@@ -55,10 +55,10 @@ def test_sizes_are_the_papers() -> None:
 
 @pytest.mark.parametrize(
     ("width", "outs"),
-    [(4, (16, 8, 4, 16, 16)), (16, (64, 32, 16, 16, 16)), (24, (96, 48, 24, 16, 16)),
-     (40, (160, 80, 40, 20, 20)), (128, (512, 256, 128, 64, 64))],
+    [(4, (16, 8, 4, 32, 32)), (16, (64, 32, 16, 32, 32)), (24, (96, 48, 24, 32, 32)),
+     (80, (320, 160, 80, 40, 40)), (128, (512, 256, 128, 64, 64))],
 )  # fmt: skip
-def test_sizes_follow_the_width_but_the_finest_keep_16(width, outs) -> None:
+def test_sizes_follow_the_width_but_the_finest_keep_32(width, outs) -> None:
     with torch.device("meta"):
         net = VectorFieldNet(width=width)
     assert tuple(getattr(net, name).conv.out_channels for name in DECODER) == outs
@@ -169,7 +169,7 @@ def test_more_objects_are_more_outputs_and_nothing_else() -> None:
     assert differ == {f"{layer}_layer.{part}" for layer in ("mask", "vector")
                       for part in ("weight", "bias")}  # fmt: skip
     added = sum(p.numel() for p in three.values()) - sum(p.numel() for p in one.values())
-    assert added == 2 * (1 + 2 * 9) * (16 + 1)
+    assert added == 2 * (1 + 2 * 9) * (32 + 1)
 
 
 @given(st.integers(0, 999), st.integers(1, 30), st.integers(1, 30), st.booleans())

@@ -15,6 +15,7 @@ from posecore.papers.vector_field.models import ObjectModel
 from posecore.papers.vector_field.network import VectorFieldNet
 from posecore.papers.vector_field.refinement import FieldRefiner, overlap
 from posecore.papers.vector_field.systems import STAGES, SYSTEMS, VectorFieldSystem
+from posecore.papers.vector_field.voting import vote_pixels
 from posecore.training import seeded
 
 K = np.array([[130.0, 0, 48], [0, 130, 36], [0, 0, 1]])
@@ -38,8 +39,13 @@ def poses_of(seed: int) -> tuple[np.ndarray, np.ndarray]:
 IMAGE, OBJECT = [0, 0, 2], [0, 1, 1]
 
 
-def clean(seed: int, holes: float = 0.0) -> tuple[MaskedFields, list[np.ndarray]]:
-    """True fields of both objects in image 0, of the second in image 2; and their masks."""
+def clean(
+    seed: int, holes: float = 0.0, noise: float = 0.0
+) -> tuple[MaskedFields, list[np.ndarray]]:
+    """True fields of both objects in image 0, of the second in image 2; and their masks.
+
+    Holes are a share of the masks; noise, relative, is added to the vectors.
+    """
     columns, masks = [], []
     for image, object, R, t in zip(IMAGE, OBJECT, *poses_of(seed), strict=True):
         model = MODELS[object]
@@ -52,6 +58,8 @@ def clean(seed: int, holes: float = 0.0) -> tuple[MaskedFields, list[np.ndarray]
         y, x = mask.nonzero()
         ends = cameras.project(K, poses.apply(R, t, model.keypoints))
         vectors = ends - np.stack([x, y], -1)[:, None]
+        lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+        vectors += noise * lengths * np.random.default_rng(seed).normal(size=vectors.shape)
         columns.append([np.full(len(x), image), y, x, np.full(len(x), object), vectors])
         masks.append(mask)
     joined = (torch.from_numpy(np.concatenate(column)) for column in zip(*columns, strict=True))
@@ -86,6 +94,22 @@ def test_a_clean_field_gives_the_pose(seed: int) -> None:
         assert np.array_equal(estimate.first[0], estimate.R)
         assert list(estimate.seconds) == list(STAGES)
         assert all(value >= 0 for value in estimate.seconds.values())
+
+
+def test_the_vote_fits_what_it_is_told_to() -> None:
+    noisy, _ = clean(4, noise=0.05)
+    found = {}
+    for fit in ("lines", "angles"):
+        system = VectorFieldSystem.named("OPEPL", NET, MODELS, fit=fit)
+        found[fit] = system.estimate_fields(noisy, K)
+        for entry, estimate in enumerate(found[fit]):
+            vote = vote_pixels(*(part.double() for part in noisy.of(entry)), fit=fit)
+            assert np.array_equal(estimate.keypoints, vote.points)
+            assert np.array_equal(estimate.covariances, vote.covariances)
+    assert VectorFieldSystem(NET, MODELS).fit == "lines"
+    for one, other in zip(found["lines"], found["angles"], strict=True):
+        assert one.score == other.score
+        assert not np.array_equal(one.t, other.t)
 
 
 def test_who_refines_when() -> None:
@@ -194,6 +218,8 @@ FIELDS = clean(0)[0]
         (lambda: VectorFieldSystem(NET, MODELS, min_pixels=0), "min_pixels"),
         (lambda: VectorFieldSystem(NET, MODELS, hypotheses=0), "hypotheses"),
         (lambda: VectorFieldSystem(NET, MODELS, seed=-1), "seed"),
+        (lambda: VectorFieldSystem(NET, MODELS, fit="points"), "fit"),
+        (lambda: VectorFieldSystem.named("OPEPL", NET, MODELS, fit=None), "fit"),
         (lambda: VectorFieldSystem.named("PVNet", NET, MODELS), "name"),
         (lambda: SYSTEM.estimate(IMAGES[0], K), "images"),
         (lambda: SYSTEM.estimate(IMAGES[:, :2], K), "images"),

@@ -8,8 +8,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from posecore.papers.vector_field import lines, voting
+from posecore.papers.vector_field.lines import FLOOR
 from posecore.papers.vector_field.voting import (
-    FLOOR,
+    FITS,
     UNKNOWN,
     count_inliers,
     hypothesis_covariance,
@@ -56,168 +58,17 @@ def assert_sound(votes):
     np.testing.assert_allclose(votes.inliers, np.asarray(votes.weights).max(-1))
 
 
-# --- crossings of lines
-
-
-@given(seed=SEEDS, scale=st.sampled_from([1e-3, 1.0, 1e4]), far=st.sampled_from([0.0, 1e3]))
-def test_two_lines_cross_where_linear_algebra_says(seed, scale, far):
-    rng = np.random.default_rng(seed)
-    points = scale * (rng.normal(size=(2, 2)) + far)
-    angle = rng.uniform(0, 2 * np.pi)
-    angles = np.array([angle, angle + rng.choice([-1, 1]) * rng.uniform(0.05, np.pi - 0.05)])
-    directions = np.stack([np.cos(angles), np.sin(angles)], -1)
-    along = np.linalg.solve(np.stack([directions[0], -directions[1]], -1), points[1] - points[0])
-    lengths = rng.uniform(0.1, 10, (2, 1)) * rng.choice([-1, 1], (2, 1))
-    found = intersect_lines(points, directions * lengths)
-    crossing = points[0] + along[0] * directions[0]
-    np.testing.assert_allclose(found, crossing, rtol=1e-9, atol=1e-9 * scale * (1 + far))
-
-
-@given(seed=SEEDS, count=st.integers(2, 40), weighted=st.booleans())
-def test_many_lines_meet_where_least_squares_says(seed, count, weighted):
-    rng = np.random.default_rng(seed)
-    points, directions = rng.normal(size=(2, 3, count, 2))
-    weights = rng.uniform(0, 2, (3, count)) if weighted else None
-    found = intersect_lines(points, directions, weights)
-    for i in range(3):
-        units = directions[i] / np.linalg.norm(directions[i], axis=-1, keepdims=True)
-        normals = np.stack([-units[:, 1], units[:, 0]], -1)
-        roots = np.sqrt(weights[i]) if weighted else np.ones(count)
-        offsets = (normals * points[i]).sum(-1)
-        best, _, _, singular = np.linalg.lstsq(roots[:, None] * normals, roots * offsets)
-        if singular[1] > 1e-2 * singular[0]:
-            np.testing.assert_allclose(found[i], best, rtol=1e-8, atol=1e-8)
-
-
-@given(seed=SEEDS, count=st.integers(1, 10))
-def test_parallel_lines_meet_nearest_to_the_middle_of_their_points(seed, count):
-    rng = np.random.default_rng(seed)
-    direction = rng.normal(size=2)
-    points, weights = rng.normal(size=(count, 2)), rng.uniform(0.1, 2, count)
-    lengths = rng.uniform(0.1, 3, (count, 1)) * rng.choice([-1, 1], (count, 1))
-    found = intersect_lines(points, direction * lengths, weights)
-    # The mean has the mean offset across the lines, and nothing says how far to go along them.
-    np.testing.assert_allclose(found, weights @ points / weights.sum(), atol=1e-9)
-
-
-def test_lines_that_count_for_nothing():
-    points = np.array([[0.0, 0], [10, 0], [3, 7]])
-    directions = np.array([[1.0, 1], [-1, 1], [0, 0]])
-    np.testing.assert_allclose(intersect_lines(points, directions), [5, 5])
-    np.testing.assert_allclose(intersect_lines(points, directions, [1, 0, 1]), [0, 0])
-    for no_line in (
-        intersect_lines(points, 0 * directions),
-        intersect_lines(points, directions, [0, 0, 0]),
-    ):
-        np.testing.assert_allclose(no_line, points.mean(0))
-    tiny = intersect_lines(points, 1e-300 * directions, [1e-300, 1e-300, 0])
-    np.testing.assert_allclose(tiny, [5, 5])
-    np.testing.assert_allclose(intersect_lines(points, 1e300 * directions), [5, 5])
-
-
-def test_lines_are_not_rays():
-    behind = intersect_lines([[0.0, 0], [10, 0]], [[-1.0, -1], [1, -1]])
-    np.testing.assert_allclose(behind, [5, 5])
-
-
-def test_crossings_have_gradients_and_keep_kind_and_precision():
-    generator = torch.Generator().manual_seed(0)
-    points, directions = torch.randn(2, 3, 4, 2, generator=generator, dtype=torch.float64)
-    weights = torch.rand(3, 4, generator=generator, dtype=torch.float64) + 0.1
-    inputs = [x.requires_grad_() for x in (points.clone(), directions.clone(), weights)]
-    assert torch.autograd.gradcheck(intersect_lines, inputs)
-    degenerate = torch.tensor([[[0.0, 0], [1, 0]], [[1, 2], [1, 2]]], requires_grad=True)
-    intersect_lines(torch.zeros(2, 2), degenerate).sum().backward()
-    assert torch.isfinite(degenerate.grad).all()
-    assert intersect_lines(points.float(), directions.float()).dtype == torch.float32
-    assert intersect_lines([[0, 0], [2, 0]], [[1, 1], [-1, 1]]).tolist() == [1, 1]
-
-
-# --- counting
-
-
-def count_plainly(pixels, vectors, hypotheses, threshold):
-    """By the definition, pixel by pixel; and how near each decision was."""
-    away = hypotheses[:, :, None] - pixels  # (K, S, P, 2)
-    v = vectors.swapaxes(0, 1)[:, None]
-    lengths = np.linalg.norm(away, axis=-1) * np.linalg.norm(v, axis=-1)
-    with np.errstate(invalid="ignore"):
-        cosines = np.nan_to_num((away * v).sum(-1) / lengths)
-    return (cosines > threshold).sum(-1), (np.abs(cosines - threshold) < 1e-5).sum(-1)
-
-
-@given(
-    seed=SEEDS,
-    count=st.integers(1, 600),
-    threshold=st.sampled_from([0.05, 0.5, 0.9, 0.99, 0.9999]),
-    scale=st.sampled_from([1e-20, 1.0, 1e20]),
-)
-def test_counts_are_those_of_the_definition(seed, count, threshold, scale):
-    rng = np.random.default_rng(seed)
-    pixels = rng.integers(0, 640, (count, 2)).astype(float)
-    hypotheses = rng.uniform(-300, 900, (3, 17, 2))
-    target = rng.uniform(0, 640, (3, 2))
-    vectors = target - pixels[:, None] + rng.normal(size=(count, 3, 2)) * 10
-    hypotheses[:, 0] = target
-    vectors[rng.uniform(size=count) < 0.1] = 0
-    found = count_inliers(pixels, scale * vectors, hypotheses, threshold)
-    expected, doubtful = count_plainly(pixels, vectors, hypotheses, threshold)
-    assert (np.abs(found - expected) <= doubtful).all()
-    assert found.dtype == np.int64 and found.max() <= count
-
-
-def test_a_pixel_looks_forward_only():
-    pixels, vectors = [[10.0, 10.0]], [[[3.0, 0.0]]]
-    ahead, behind, beside = [20.0, 10.0], [0.0, 10.0], [20.0, 12.0]
-    assert count_inliers(pixels, vectors, [[ahead, behind, beside]]).tolist() == [[1, 0, 0]]
-    assert count_inliers(pixels, vectors, [[ahead, behind, beside]], 0.9).tolist() == [[1, 0, 1]]
-    assert count_inliers(pixels, [[[0.0, 0.0]]], [[ahead, pixels[0]]]).tolist() == [[0, 0]]
-
-
-# --- covariance
-
-
-@given(seed=SEEDS, floor=st.sampled_from([0.01, 0.1, 2.0]), centred=st.booleans())
-def test_covariance_is_the_weighted_sum_of_outer_products(seed, floor, centred):
-    rng = np.random.default_rng(seed)
-    hypotheses, weights = rng.normal(size=(4, 12, 2)) * 5 + 100, rng.uniform(0, 1, (4, 12))
-    centre = rng.normal(size=(4, 2)) + 100 if centred else None
-    found = hypothesis_covariance(hypotheses, weights, centre, floor)
-    for i in range(4):
-        middle = centre[i] if centred else np.average(hypotheses[i], axis=0, weights=weights[i])
-        away = hypotheses[i] - middle
-        plain = sum(w * np.outer(d, d) for w, d in zip(weights[i], away, strict=True))
-        plain = plain / weights[i].sum()
-        np.testing.assert_allclose(
-            found[i], plain + (floor**2 + 1e-6 * np.trace(plain)) * np.eye(2), rtol=1e-9, atol=1e-9
-        )
-        if not centred:
-            by_numpy = np.cov(hypotheses[i].T, aweights=weights[i], ddof=0)
-            np.testing.assert_allclose(plain, by_numpy, rtol=1e-8, atol=1e-9)
-
-
-def test_a_covariance_can_always_be_inverted():
-    same = hypothesis_covariance(np.full((5, 2), 7.0), np.ones(5))
-    np.testing.assert_allclose(same, FLOOR**2 * np.eye(2), atol=1e-15)
-    one = hypothesis_covariance(np.random.default_rng(0).normal(size=(5, 2)), [0, 0, 1, 0, 0])
-    np.testing.assert_allclose(one, FLOOR**2 * np.eye(2), atol=1e-15)
-    along = np.linspace(-1e5, 1e5, 11, dtype=np.float32)[:, None] * np.float32([0.6, 0.8])
-    line = hypothesis_covariance(along, np.ones(11, np.float32))
-    assert line.dtype == np.float32
-    np.linalg.cholesky(line)
-    np.linalg.cholesky(line.astype(np.float64))
-
-
 # --- voting
 
 
+@pytest.mark.parametrize("fit", FITS)
 @given(seed=SEEDS, objects=st.integers(1, 3), pixels=st.booleans())
 @settings(max_examples=12)
-def test_clean_fields_give_the_keypoints(seed, objects, pixels):
+def test_clean_fields_give_the_keypoints(seed, objects, pixels, fit):
     mask, vectors, keypoints, _ = scene(seed, objects)
     if not pixels:
         vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=2, keepdims=True), 1e-9)
-    votes = vote(mask, vectors.astype(np.float32))
+    votes = vote(mask, vectors.astype(np.float32), fit=fit)
     np.testing.assert_allclose(votes.points, keypoints, atol=1e-3)
     assert votes.points.dtype == np.float32 and votes.found.all()
     np.testing.assert_array_equal(votes.pixels, mask.sum((1, 2)))
@@ -226,13 +77,14 @@ def test_clean_fields_give_the_keypoints(seed, objects, pixels):
         votes.covariances, np.broadcast_to(FLOOR**2 * np.eye(2), (objects, 9, 2, 2)), atol=1e-4
     )
     assert_sound(votes)
-    exact = vote(mask, vectors)  # float64
+    exact = vote(mask, vectors, fit=fit)  # float64
     np.testing.assert_allclose(exact.points, keypoints, atol=1e-9)
 
 
+@pytest.mark.parametrize("fit", FITS)
 @given(seed=SEEDS)
 @settings(max_examples=12)
-def test_keypoints_on_a_pixel_and_far_outside_of_the_image(seed):
+def test_keypoints_on_a_pixel_and_far_outside_of_the_image(seed, fit):
     mask, _, keypoints, rng = scene(seed)
     rows, columns = mask[0].nonzero()
     chosen = rng.integers(len(rows))
@@ -240,16 +92,17 @@ def test_keypoints_on_a_pixel_and_far_outside_of_the_image(seed):
     angle = rng.uniform(-np.pi, np.pi)
     keypoints[0, 1] = 30 + 500 * np.cos(angle), 30 + 500 * np.sin(angle)
     keypoints[0, 2] = -1, -1
-    votes = vote(mask, field(keypoints, 60, 80))
+    votes = vote(mask, field(keypoints, 60, 80), fit=fit)
     np.testing.assert_allclose(votes.points, keypoints, atol=1e-6)
     assert votes.inliers[0, 0] == pytest.approx(
         1 - 1 / mask.sum()
     )  # the pixel itself points nowhere
 
 
+@pytest.mark.parametrize("fit", FITS)
 @given(seed=SEEDS, kind=st.sampled_from(["any", "reversed", "zero", "another point"]))
 @settings(max_examples=12)
-def test_40_percent_outliers(seed, kind):
+def test_40_percent_outliers(seed, kind, fit):
     mask, vectors, keypoints, rng = scene(seed, height=120, width=160)
     mask = disc(120, 160, keypoints[0].mean(0), 30)[None]
     wrong = rng.uniform(size=(1, 9, 120, 160)) < 0.4
@@ -260,7 +113,7 @@ def test_40_percent_outliers(seed, kind):
         "another point": field(keypoints + [40, 25], 120, 160),
     }[kind]
     vectors = np.where(wrong[:, :, None], replaced, vectors)
-    votes = vote(mask, vectors)
+    votes = vote(mask, vectors, fit=fit)
     # Of outliers that point somewhere a few point almost right, and are believed.
     few = kind in ("any", "another point")
     np.testing.assert_allclose(votes.points, keypoints, atol=0.4 if few else 1e-6)
@@ -268,25 +121,27 @@ def test_40_percent_outliers(seed, kind):
     assert_sound(votes)
 
 
-def test_40_percent_outliers_leave_a_tenth_of_a_pixel_on_a_large_mask():
+@pytest.mark.parametrize("fit", FITS)
+def test_40_percent_outliers_leave_a_tenth_of_a_pixel_on_a_large_mask(fit):
     errors = []
     for seed in range(4):
         _, _, keypoints, rng = scene(seed, height=240, width=320)
         mask = disc(240, 320, keypoints[0].mean(0), 50)[None]
         angles = rng.uniform(-np.pi, np.pi, (1, 9, 240, 320))
         wrong = rng.uniform(size=angles.shape) < 0.4
-        votes = vote(mask, turned(field(keypoints, 240, 320), wrong * angles))
+        votes = vote(mask, turned(field(keypoints, 240, 320), wrong * angles), fit=fit)
         errors.append(np.linalg.norm(votes.points - keypoints, axis=-1))
     assert np.max(errors) < 0.1
 
 
-def test_noise_is_averaged_and_told():
+@pytest.mark.parametrize("fit", FITS)
+def test_noise_is_averaged_and_told(fit):
     """The keypoint is far better than one hypothesis; noisier ones are told to be less sure."""
     errors, deviations = [], []
     for seed in range(8):
         mask, vectors, keypoints, rng = scene(seed, height=120, width=160)
         angles = rng.normal(size=(1, 9, 120, 160)) * np.geomspace(0.005, 0.2, 9)[:, None, None]
-        votes = vote(mask, turned(vectors, angles), seed=seed)
+        votes = vote(mask, turned(vectors, angles), seed=seed, fit=fit)
         errors.append(np.linalg.norm(votes.points - keypoints, axis=-1)[0])
         deviations.append(np.sqrt(np.linalg.eigvalsh(votes.covariances)[0, :, 1]))
     errors, deviations = np.mean(errors, 0), np.mean(deviations, 0)
@@ -330,35 +185,41 @@ def test_the_result_is_what_its_own_parts_say(seed):
     np.testing.assert_allclose(votes.covariances[0], covariances, rtol=1e-9)
 
 
-def test_pixels_in_a_list_are_the_same_as_in_a_mask():
+@pytest.mark.parametrize("fit", FITS)
+def test_pixels_in_a_list_are_the_same_as_in_a_mask(fit):
     mask, vectors, _, rng = scene(5)
     vectors = turned(vectors, 0.1 * rng.normal(size=(1, 9, 60, 80)))
     rows, columns = mask[0].nonzero()
     listed = np.moveaxis(vectors[0][:, :, rows, columns], -1, 0)
-    one, other = vote(mask, vectors), vote_pixels(np.stack([columns, rows], -1), listed)
+    one, other = (
+        vote(mask, vectors, fit=fit),
+        vote_pixels(np.stack([columns, rows], -1), listed, fit=fit),
+    )
     for a, b in zip(one, other, strict=True):
         np.testing.assert_array_equal(a[0], b)
     assert isinstance(other.found, np.bool_) and other.pixels == mask.sum()
 
 
-def test_objects_do_not_know_of_each_other():
+@pytest.mark.parametrize("fit", FITS)
+def test_objects_do_not_know_of_each_other(fit):
     mask, vectors, _, rng = scene(1, objects=3)
     vectors = turned(vectors, 0.1 * rng.normal(size=(3, 9, 60, 80)))
-    together = vote(mask, vectors)
+    together = vote(mask, vectors, fit=fit)
     mask[1] = False
-    without = vote(mask, vectors)
+    without = vote(mask, vectors, fit=fit)
     for o in (0, 2):
-        alone = vote(mask[o : o + 1], vectors[o : o + 1])
+        alone = vote(mask[o : o + 1], vectors[o : o + 1], fit=fit)
         for a, b, c in zip(together, without, alone, strict=True):
             np.testing.assert_array_equal(a[o], b[o])
             np.testing.assert_array_equal(a[o], c[0])
 
 
-def test_a_seed_decides_everything():
+@pytest.mark.parametrize("fit", FITS)
+def test_a_seed_decides_everything(fit):
     mask, vectors, _, rng = scene(2)
     vectors = turned(vectors, 0.2 * rng.normal(size=(1, 9, 60, 80)))
     for options in ({}, {"sample": 50}):
-        one, again, other = (vote(mask, vectors, seed=s, **options) for s in (3, 3, 4))
+        one, again, other = (vote(mask, vectors, seed=s, **options, fit=fit) for s in (3, 3, 4))
         for a, b in zip(one, again, strict=True):
             np.testing.assert_array_equal(a, b)
         assert (one.hypotheses != other.hypotheses).any()
@@ -394,13 +255,68 @@ def test_rounds_stop_when_all_are_sure():
     np.testing.assert_array_equal(one.hypotheses, twenty.hypotheses)
 
 
+# --- the last step: distances to lines, or angles
+
+
+def test_the_door_has_the_names_of_its_rooms():
+    for name in ("count_inliers", "hypothesis_covariance", "intersect_lines"):
+        assert getattr(voting, name) is getattr(lines, name)
+
+
+def towards(seed, noise, fit, outside=1.5):
+    """Errors (9,) of keypoints around a disc along the way from its middle, by noisy fields."""
+    rng = np.random.default_rng(seed)
+    mask, bearing = disc(80, 100, (50, 40), 20)[None], rng.uniform(0, 2 * np.pi, 9)
+    outwards = np.stack([np.cos(bearing), np.sin(bearing)], -1)
+    keypoints = np.array([50, 40]) + 20 * outside * outwards
+    angles = np.radians(noise) * rng.normal(size=(1, 9, 80, 100))
+    votes = vote(mask, turned(field(keypoints[None], 80, 100), angles), seed=seed, fit=fit)
+    return ((votes.points[0] - keypoints) * outwards).sum(-1), votes
+
+
+@pytest.mark.parametrize("noise", [2.0, 5.0])
+def test_lines_are_pulled_towards_the_pixels_and_angles_are_not(noise):
+    errors = {fit: np.concatenate([towards(s, noise, fit)[0] for s in range(12)]) for fit in FITS}
+    means = {fit: values.mean() for fit, values in errors.items()}
+    deviation = errors["angles"].std() / np.sqrt(len(errors["angles"]))
+    assert means["lines"] < -10 * deviation
+    assert abs(means["angles"]) < 3 * deviation
+    assert abs(means["angles"]) < 0.1 * abs(means["lines"])
+    assert errors["angles"].std() < np.abs(means["lines"])
+
+
+def test_fits_differ_in_the_keypoint_and_where_the_covariance_is_measured_from():
+    _, of_lines = towards(0, 5.0, "lines")
+    _, of_angles = towards(0, 5.0, "angles")
+    for name in ("inliers", "hypotheses", "weights", "found", "pixels"):
+        np.testing.assert_array_equal(getattr(of_lines, name), getattr(of_angles, name))
+    assert (of_lines.points != of_angles.points).all()
+    expected = hypothesis_covariance(of_angles.hypotheses, of_angles.weights, of_angles.points)
+    np.testing.assert_allclose(of_angles.covariances, expected, rtol=1e-9)
+
+
+def test_keypoints_of_an_object_do_not_know_of_each_other():
+    """However many steps one needs, the others' stay the same to the last digit."""
+    rng = np.random.default_rng(0)
+    mask = disc(80, 100, (50, 40), 20)[None]
+    keypoints = np.array([[[50.0, 40], [90, 40], [400, 300], [50, 70]]])
+    vectors = turned(field(keypoints, 80, 100), 0.08 * rng.normal(size=(1, 4, 80, 100)))
+    together = vote(mask, vectors, hypotheses=16, rounds=1, fit="angles")
+    assert (together.points != vote(mask, vectors, hypotheses=16, rounds=1).points).any(-1).all()
+    other = vectors.copy()
+    other[0, 2] = 0
+    without = vote(mask, other, hypotheses=16, rounds=1, fit="angles")
+    np.testing.assert_array_equal(together.points[0, [0, 1, 3]], without.points[0, [0, 1, 3]])
+
+
 # --- where there is nothing to agree on
 
 
-def test_an_empty_mask():
+@pytest.mark.parametrize("fit", FITS)
+def test_an_empty_mask(fit):
     mask, vectors, keypoints, _ = scene(0, objects=3)
     mask[1] = False
-    votes = vote(mask, vectors)
+    votes = vote(mask, vectors, fit=fit)
     assert votes.found.tolist() == [True, False, True]
     assert votes.pixels[1] == 0
     for values in (votes.points, votes.inliers, votes.hypotheses, votes.weights):
@@ -408,25 +324,27 @@ def test_an_empty_mask():
     np.testing.assert_array_equal(votes.covariances[1], np.tile(UNKNOWN**2 * np.eye(2), (9, 1, 1)))
     np.testing.assert_allclose(votes.points[[0, 2]], keypoints[[0, 2]], atol=1e-6)
     assert_sound(votes)
-    nothing = vote_pixels(np.zeros((0, 2)), np.zeros((0, 9, 2)))
+    nothing = vote_pixels(np.zeros((0, 2)), np.zeros((0, 9, 2)), fit=fit)
     np.testing.assert_array_equal(nothing.points, votes.points[1])
     assert not nothing.found and nothing.hypotheses.shape == (9, 128, 2)
 
 
-def test_one_pixel():
-    votes = vote_pixels([[7.0, 5.0]], [[[1.0, 0.0], [0.0, 0.0]]])
+@pytest.mark.parametrize("fit", FITS)
+def test_one_pixel(fit):
+    votes = vote_pixels([[7.0, 5.0]], [[[1.0, 0.0], [0.0, 0.0]]], fit=fit)
     assert not votes.found and votes.pixels == 1 and (votes.inliers == 0).all()
     np.testing.assert_array_equal(votes.points, [[7, 5], [7, 5]])
     np.testing.assert_array_equal(votes.covariances, np.tile(UNKNOWN**2 * np.eye(2), (2, 1, 1)))
     assert_sound(votes)
 
 
-def test_two_pixels():
+@pytest.mark.parametrize("fit", FITS)
+def test_two_pixels(fit):
     """They cross before both, behind one, nowhere (parallel, against each other, no vector)."""
     pixels = [[0.0, 0.0], [10.0, 0.0]]
     first = [[1, 1], [1, 1], [1, 1], [1, 0], [1, 1], [0, 0]]
     second = [[-1, 1], [1, -1], [1, 1], [-1, 0], [0, 0], [0, 0]]
-    votes = vote_pixels(pixels, np.stack([first, second]).astype(float), hypotheses=8)
+    votes = vote_pixels(pixels, np.stack([first, second]).astype(float), hypotheses=8, fit=fit)
     np.testing.assert_allclose(votes.points[0], [5, 5], atol=1e-6)
     np.testing.assert_allclose(votes.covariances[0], FLOOR**2 * np.eye(2), atol=1e-6)
     assert votes.inliers.tolist() == [1, 0.5, 0, 0, 0, 0]
@@ -437,12 +355,13 @@ def test_two_pixels():
     assert_sound(votes)
 
 
+@pytest.mark.parametrize("fit", FITS)
 @given(seed=SEEDS, angle=st.floats(-math.pi, math.pi))
 @settings(max_examples=12)
-def test_parallel_rays(seed, angle):
+def test_parallel_rays(seed, angle, fit):
     mask, vectors, _, _ = scene(seed, count=2)
     vectors[:] = np.array([np.cos(angle), np.sin(angle)])[:, None, None]
-    votes = vote(mask, vectors.astype(np.float32))
+    votes = vote(mask, vectors.astype(np.float32), fit=fit)
     assert not votes.found[0] and (votes.inliers == 0).all() and (votes.weights == 0).all()
     rows, columns = mask[0].nonzero()
     np.testing.assert_allclose(votes.points[0, 0], [columns.mean(), rows.mean()], rtol=1e-6)
@@ -450,45 +369,49 @@ def test_parallel_rays(seed, angle):
     assert_sound(votes)
 
 
+@pytest.mark.parametrize("fit", FITS)
 @given(seed=SEEDS, height=st.integers(1, 12), width=st.integers(1, 12), objects=st.integers(1, 3))
 @settings(max_examples=12)
-def test_fields_of_outliers_only_give_numbers(seed, height, width, objects):
+def test_fields_of_outliers_only_give_numbers(seed, height, width, objects, fit):
     rng = np.random.default_rng(seed)
     mask = rng.uniform(size=(objects, height, width)) < rng.uniform(0, 1.1)
     vectors = rng.integers(-1, 2, (objects, 3, 2, height, width)).astype(
         np.float32
     )  # many parallel
-    votes = vote(mask, vectors, rounds=3, hypotheses=16, seed=seed)
+    votes = vote(mask, vectors, rounds=3, hypotheses=16, seed=seed, fit=fit)
     assert_sound(votes)
     assert (votes.found == (votes.inliers > 0).any(1)).all()
     unknown = votes.inliers == 0
     assert (votes.covariances[unknown] == (UNKNOWN**2 * np.eye(2))).all()
 
 
-def test_an_all_outlier_field_is_found_but_unsure():
+@pytest.mark.parametrize("fit", FITS)
+def test_an_all_outlier_field_is_found_but_unsure(fit):
     mask, vectors, _, rng = scene(0)
     vectors = turned(vectors, rng.uniform(-np.pi, np.pi, (1, 9, 60, 80)))
-    votes = vote(mask, vectors)
+    votes = vote(mask, vectors, fit=fit)
     assert votes.found[0] and (votes.inliers < 0.2).all()
     assert (np.linalg.eigvalsh(votes.covariances)[..., 1] > 5**2).all()
     assert_sound(votes)
 
 
-def test_a_keypoint_without_vectors_does_not_touch_the_others():
+@pytest.mark.parametrize("fit", FITS)
+def test_a_keypoint_without_vectors_does_not_touch_the_others(fit):
     mask, vectors, keypoints, _ = scene(0)
     vectors[0, 4] = 0
-    votes = vote(mask, vectors)
+    votes = vote(mask, vectors, fit=fit)
     others = np.arange(9) != 4
     np.testing.assert_allclose(votes.points[0, others], keypoints[0, others], atol=1e-6)
     assert votes.inliers[0, 4] == 0 and votes.found[0]
     np.testing.assert_array_equal(votes.covariances[0, 4], UNKNOWN**2 * np.eye(2))
 
 
-def test_rays_that_almost_agree_stay_finite():
+@pytest.mark.parametrize("fit", FITS)
+def test_rays_that_almost_agree_stay_finite(fit):
     mask = disc(60, 80, (40, 30), 10)[None]
     for distance in (1e4, 1e6, 1e8):
         vectors = field(np.array([[[distance, 30.0]]]), 60, 80)
-        assert_sound(vote(mask, vectors.astype(np.float32)))
+        assert_sound(vote(mask, vectors.astype(np.float32), fit=fit))
 
 
 # --- kinds of input
@@ -525,13 +448,14 @@ def test_what_is_outside_of_the_mask_is_not_looked_at():
     np.testing.assert_array_equal(vote(mask, spoiled).points, vote(mask, vectors).points)
 
 
+@pytest.mark.parametrize("fit", FITS)
 @given(seed=SEEDS, length=st.sampled_from([1e-30, 1e-6, 1e30]))
 @settings(max_examples=12)
-def test_the_length_of_vectors_does_not_matter(seed, length):
+def test_the_length_of_vectors_does_not_matter(seed, length, fit):
     mask, vectors, keypoints, rng = scene(seed, count=2)
     lengths = length * rng.uniform(0.5, 2, (1, 2, 1, 60, 80))
     unit = vectors / np.maximum(np.linalg.norm(vectors, axis=2, keepdims=True), 1e-9)
-    votes = vote(mask, (lengths * unit).astype(np.float32))
+    votes = vote(mask, (lengths * unit).astype(np.float32), fit=fit)
     np.testing.assert_allclose(votes.points, keypoints, atol=1e-3)
 
 
@@ -565,6 +489,9 @@ PIXELS = np.zeros((4, 2))
         (lambda: vote(MASK, VECTORS, rounds=0), "rounds:"),
         (lambda: vote(MASK, VECTORS, seed=-1), "seed:"),
         (lambda: vote(MASK, VECTORS, seed=None), "seed:"),
+        (lambda: vote(MASK, VECTORS, fit="angle"), "fit: expected one of 'lines', 'angles'"),
+        (lambda: vote(MASK, VECTORS, fit=None), "fit:"),
+        (lambda: vote_pixels(PIXELS, np.zeros((4, 9, 2)), fit="rays"), "fit:"),
         (lambda: vote_pixels(PIXELS, np.zeros((3, 9, 2))), "vectors: expected shape"),
         (lambda: vote_pixels(PIXELS, np.zeros((4, 9, 3))), "vectors: expected shape"),
         (lambda: vote_pixels(PIXELS, np.zeros((4, 0, 2))), "vectors: expected shape"),
@@ -572,17 +499,6 @@ PIXELS = np.zeros((4, 2))
         (lambda: vote_pixels(PIXELS + np.nan, np.zeros((4, 9, 2))), "pixels: expected finite"),
         (lambda: vote_pixels(PIXELS, np.full((4, 9, 2), np.nan)), "vectors: expected finite"),
         (lambda: vote_pixels(PIXELS, np.zeros((4, 9, 2)), threshold=2), "threshold:"),
-        (lambda: intersect_lines(PIXELS, np.zeros((3, 2))), "directions:"),
-        (lambda: intersect_lines(np.zeros((0, 2)), np.zeros((0, 2))), "points:"),
-        (lambda: intersect_lines(PIXELS, PIXELS, [1, 1, 1, -1]), "weights: expected at least 0"),
-        (lambda: intersect_lines(PIXELS + np.inf, PIXELS), "points:"),
-        (lambda: count_inliers(PIXELS, np.zeros((4, 2, 2)), np.zeros((3, 5, 2))), "hypotheses:"),
-        (lambda: count_inliers(PIXELS, np.zeros((4, 3, 2)), np.zeros((3, 5, 2)), 1), "threshold:"),
-        (lambda: hypothesis_covariance(PIXELS, [0, 0, 0, 0]), "weights:"),
-        (lambda: hypothesis_covariance(PIXELS, [1, 1, 1, -1]), "weights:"),
-        (lambda: hypothesis_covariance(PIXELS, [1, 1]), "weights:"),
-        (lambda: hypothesis_covariance(PIXELS, [1, 1, 1, 1], [0, 0, 0]), "centre:"),
-        (lambda: hypothesis_covariance(PIXELS, [1, 1, 1, 1], floor=0), "floor:"),
     ],
 )
 def test_bad_input_is_named(call, named):
