@@ -396,8 +396,8 @@ for lost in (30, 70):
 
 # %% [markdown]
 # Such a field comes from an object that looks the same from two sides. The network then has two
-# right answers for one picture. That is why symmetric objects need care; the training and an
-# exercise come back to it.
+# right answers for one picture. That is why symmetric objects need care; an exercise comes back to
+# it.
 #
 # ### The same in the library
 #
@@ -1103,8 +1103,10 @@ gradients.schedule(beta, rate)
 # losses. And 0.05 is what the weight would have at epoch 200; the last one, number 199, has 0.049.
 #
 # **Reading.** `projection_weight` is a function of how much of the training is done, from 0 to 1,
-# so that it can be used with any number of steps. Whether the arrows of the large network turn
-# round, too, has to be counted there: nine fields of a disc are an easy task, and three seeds few.
+# so that it can be used with any number of steps. Against the wall, the library has two mends:
+# `VectorFieldLoss(begin=0.15)` lets the projection loss come in late, and `forward_only=True`
+# leaves out arrows that point away, so that the vector loss can bring them round. (Nine fields of a
+# disc are an easy task, and three seeds few. What it does to the large network is for the ledger.)
 
 # %% [markdown]
 # ### Reading closely: the predicted mask as weight

@@ -36,8 +36,8 @@ def windows(
     """
     said = "; ".join(", ".join(names[o - 1] for o in np.unique(part) if o) for part in labels)
     figure = new_picture(
-        9.4,
-        4.8,
+        7.6,
+        4.0,
         f"{len(images)} square windows with objects in them, some turned or half covered, before "
         f"other backgrounds; outlines mark the objects: {said}. Below each, the same objects "
         "coloured by direction to one of their keypoints, with arrows; the rest is white.",
@@ -86,8 +86,8 @@ def learnt(
         for title, (found, _) in stages.items()
     )
     figure = new_picture(
-        2.1 * len(stages),
-        2.05 * (1 + len(ends)),
+        1.75 * len(stages),
+        1.75 * (1 + len(ends)),
         "Above, a teapot with the outline of what a network takes for it; below, its pixels "
         f"coloured by the direction that the network says, {', '.join(ends)}, with arrows. From "
         f"left to right all become more like the truth. {said}.",
@@ -126,8 +126,8 @@ def seen(
     """
     found = [name for number, name in enumerate(names) if (label == 1 + number).any()]
     figure = new_picture(
-        9.4,
-        3.7,
+        8.4,
+        3.3,
         "A table with things on it. Outlines mark what the network takes for its objects: "
         f"{', '.join(found) or 'nothing'}. Beside it the pixels of the teapot, coloured by the "
         "direction that the network says, with arrows, and a ring at the keypoint.",
@@ -199,7 +199,7 @@ def pose(
         found: of each object its model and pose.
         said: what is to be seen, for the alt text.
     """
-    figure = new_picture(6.4, 4.8, f"A table with things on it, with boxes and axes. {said}", "")
+    figure = new_picture(5.4, 4.05, f"A table with things on it, with boxes and axes. {said}", "")
     axes = figure.subplots()
     show_crop(axes, rgb, (0, 0, rgb.shape[1], rgb.shape[0]))
     for model, (R, t) in found:
@@ -231,8 +231,8 @@ def residuals(
     """
     size = np.linalg.norm(said - expected, axis=-1)[inside]
     figure = new_picture(
-        9.4,
-        4.0,
+        8.4,
+        3.6,
         "Left: an object with dots that do not quite cover it, the points of its model in a wrong "
         f"pose, {int(inside.sum())} of {len(inside)} in the mask. Right: at some of them two "
         "arrows, of the field and of the pose, which point at a ring and at a square not far "
@@ -279,8 +279,8 @@ def shares(
         for title, (*_, inside) in cases.items()
     )
     figure = new_picture(
-        4.7 * len(cases),
-        3.9,
+        4.0 * len(cases),
+        3.4,
         "Pictures of objects, each with its mask shaded and the points of its model over it, dots "
         f"in the mask and crosses outside. {said}.",
         "",

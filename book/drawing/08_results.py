@@ -81,8 +81,8 @@ def gallery(
     said = "; ".join(f"{split}: {', '.join(panels)}" for split, panels in rows.items())
     wide = max(len(panels) for panels in rows.values())
     figure = new_picture(
-        2.4 * wide,
-        2.75 * len(rows),
+        2.05 * wide,
+        2.35 * len(rows),
         "Objects with the box of the true pose, blue, and of the estimate, orange. In the first "
         "columns they agree, in the next they part, in the last there is only the true one. "
         + said.replace("\n", " "),
@@ -186,8 +186,8 @@ def real(
     """
     off = np.linalg.norm(points - x, axis=-1)
     figure = new_picture(
-        9.4,
-        3.9,
+        8.4,
+        3.5,
         f"Left: a {photo.name}, {photo.source}, coloured by a field of arrows that are off by "
         f"{degrees:g} degrees, a ring at the keypoint. Right: the {photo.name} with its keypoints, "
         f"voted for, as crosses with ellipses, {off.mean():.1f} px from the true rings on average, "
@@ -225,8 +225,8 @@ def noise(degrees: np.ndarray, errors: Mapping[str, Mapping[str, np.ndarray]]) -
         for name, values in curves.items()
     )
     figure = new_picture(
-        9.4,
-        3.1,
+        8.6,
+        2.9,
         f"Errors over the noise of the field from {degrees[0]:g} to {degrees[-1]:g} degrees, "
         f"rising. {said}.",
         "",
