@@ -35,8 +35,11 @@ draw.question(crowd, behind.mask, behind.full_mask, hidden)
 # chapter: do not look for a point, ask everything that is seen in which **direction** it lies.
 #
 # The method is *PVNet* ([Peng et al., 2019](https://arxiv.org/abs/1812.11788)), and the paper of
-# this chapter is [You et al.'s](index.ipynb), which adds three things to it: a loss that looks at
-# pixels instead of angles, a network that corrects a pose, and a rule when to let it.
+# this chapter is [You et al.'s](index.ipynb), which adds three things to it: a loss that measures
+# by how many pixels an arrow's line misses, a network that corrects a pose, and a rule when to let
+# it. (The paper is *Object Pose Estimation Incorporating Projection Loss and Discriminative
+# Refinement*. It calls the first alone OPEPL, with the correcting network, the **refiner**,
+# OPEPL-R, and with the rule OPEPL-DR.)
 #
 # ## What you will build, and what you need
 #
@@ -52,8 +55,9 @@ draw.question(crowd, behind.mask, behind.full_mask, hidden)
 #
 # > **What is not here yet.** The library has the rest of the paper: training, three systems with
 # > and without the refiner, the rule of when to refine (`learning`, `systems`, `refinement`), and
-# > commands for all of it, shown in section 5. How well they do is not measured yet, so this page
-# > shows nothing that a network has learnt, and the ledger has no claims of this paper.
+# > commands for all of it, shown in section 5. How well they do is not measured yet, so no network
+# > on this page has learnt from pictures (section 3 trains toys), and the book's ledger of claims,
+# > what was measured of each paper, has none of this one.
 
 # %%
 torch.set_num_threads(2)
@@ -62,8 +66,9 @@ print("This page runs at scale:", scale())
 # %% [markdown]
 # ## 1. From directions to a point
 #
-# Chapter 1 had a recipe for poses: know where a few points of the object are in the picture, and
-# PnP says how the object stands. So where in this picture is the tip of the teapot's spout?
+# Chapter 1 had a recipe for poses: know where a few chosen points of the object, its **keypoints**,
+# are in the picture, and PnP (Perspective-n-Point) says how the object stands. So where in this
+# picture is the tip of the teapot's spout?
 #
 # One could look for the pixel that shows it. PVNet asks **every** pixel of the teapot instead: *in
 # which direction, seen from you, lies the tip?* A direction is a unit vector in the picture, two
@@ -159,8 +164,8 @@ assert np.allclose(measured, formula, rtol=0.1)
 draw.errors_of_crossings(angle, np.array(measured), formula)
 
 # %% [markdown]
-# One degree is a pixel or two if the rays cross well, and many if they are nearly parallel. For a
-# point **inside** the object the pixels around it see it from all sides. For a point far outside,
+# From 50 px away, one degree is a pixel or two if the rays cross well, and five at 15 degrees. For
+# a point **inside** the object the pixels around it see it from all sides. For a point far outside,
 # all rays come from the same side. Keep that in mind: it decides which keypoints are good ones.
 #
 # ### A hundred rays
@@ -257,7 +262,8 @@ assert score.max() > 60 and distance(winner) < 0.3 * distance(x)
 # number times the number of rays. (The bright spot is broad: from afar, 8 degrees are a lot. It
 # need not be sharp. It only has to say which rays to believe.) **RANSAC** (random sample consensus)
 # tries few points, and chooses them well: draw two rays, and try their crossing. If neither is
-# lost, it lies near the tip. On the right are 128 such **hypotheses**.
+# lost, it lies near the tip. On the right are those of 128 such **hypotheses** that lie in the
+# window, on the same picture.
 
 
 # %%
@@ -286,7 +292,8 @@ for w in (0.7, 0.4, 0.2, 0.1, 0.05):
 assert 1 - (1 - 0.2**2) ** 128 > 0.99
 
 # %% [markdown]
-# With one good ray in five, 128 pairs are enough. Four out of five may be lost!
+# With one good ray in five, there is nearly always a good pair among 128. (Good means not lost. If
+# its rays are nearly parallel, even that crossing is far off.)
 #
 # The best crossing comes from two rays only, so it has the noise of two. But now we know which rays
 # to believe. So the last step is least squares **over the inliers**: the vote has thrown out what
@@ -327,30 +334,30 @@ for seed in range(20):
     draws.append(turned(unit(x_tip - pixels), noise))
 short = towards_the_tip(np.array([nearest_point(pixels, u_all) for u_all in draws]))
 print(f"least squares over {len(pixels)} pixels: {short.mean():.1f} +- {short.std():.1f} px")
-assert short.mean() < -3 * short.std()
+assert (short < 0).all()
 
 # %% [markdown]
 # It stops short of the tip **every time**. A line that is turned by $\delta$ misses by $r\delta$,
 # so the sum of squares can be made smaller by coming nearer to the pixels, where all misses are
-# smaller. Least squares is fair only if all its terms have the same noise. So divide each by the
-# noise that it has, $r_i$, which is to weigh its square by $1 / r_i^2$. The distance to the tip is
-# not known, but the point of plain least squares is good enough to measure it from. (PVNet does
-# without these weights, and so does the library's voting, unless it is told `fit="angles"`.)
+# smaller. The noise is in the **angles**, and they do not get smaller that way. So make them least:
+# the sum of the squares of $u_i \times (x - p_i) / |x - p_i|$, the sines. Now $x$ is in the
+# denominator too, and there is no $2 \times 2$ system, but SciPy's `least_squares` gets there in a
+# few steps from the point of the lines. (PVNet takes the lines, and so does the library's voting,
+# unless it is told `fit="angles"`.)
 
 
 # %%
-def nearest_fairly(p, u, x, rounds=3):
-    """`nearest_point` with weights 1 / r^2; r is measured from x, then from what comes out."""
-    for _ in range(rounds):
-        r = np.linalg.norm(x - p, axis=-1, keepdims=True).clip(1)
-        n = np.stack([-u[:, 1], u[:, 0]], -1) / r
-        x = np.linalg.solve(n.T @ n, n.T @ (n * p).sum(-1))
-    return x
+from scipy.optimize import least_squares
 
 
-fair = [nearest_fairly(pixels, u_all, nearest_point(pixels, u_all)) for u_all in draws]
+def nearest_by_angle(p, u, x):
+    """The point (2,) with the least sum of squared sines; the search begins at x."""
+    return least_squares(lambda x: cross(u, unit(x - p)), x).x
+
+
+fair = [nearest_by_angle(pixels, u_all, nearest_point(pixels, u_all)) for u_all in draws]
 fair = towards_the_tip(np.array(fair))
-print(f"with weights: {fair.mean():.1f} +- {fair.std():.1f} px")
+print(f"least angles: {fair.mean():.1f} +- {fair.std():.1f} px")
 assert abs(fair.mean()) < 0.3 * abs(short.mean())
 
 voted = [voting.vote_pixels(pixels, u_all[:, None], fit="angles").points[0] for u_all in draws]
@@ -381,8 +388,8 @@ def try_it(noise=4, lost=40, agree=False, seed=0):
 _ = interact(try_it, noise=(0, 20, 2), lost=(0, 90, 10), seed=(0, 9))
 
 # %% [markdown]
-# A vote goes to the majority. Rays that are lost each in its own way are no majority, so many of
-# them do no harm. Rays that agree on a wrong point are another matter:
+# A vote goes to the largest group. Rays that are lost each in its own way are no majority, so many
+# of them do no harm. Rays that agree on a wrong point are another matter:
 
 # %%
 for lost in (30, 70):
@@ -420,13 +427,17 @@ print(f"the library: {distance(library.points[0]):.1f} px off with our hundred r
 #
 # RANSAC throws 127 hypotheses away. But they know something: where rays cross well, the good ones
 # lie close together; where they do not, they are scattered. PVNet keeps them, each with its share
-# of votes $w_s$ as a weight. A **covariance** says how far they lie from the keypoint $x$:
+# of votes $w_s$ as a weight. A **covariance** is a $2 \times 2$ matrix of mean squares and products
+# that says how far they lie from the keypoint $x$, and in which directions: along a unit vector $a$
+# the mean square is $a^\top \Sigma a$, at most the larger eigenvalue of $\Sigma$.
 #
 # $$ \Sigma = \frac{\sum_s w_s (h_s - x)(h_s - x)^\top}{\sum_s w_s}. $$
 #
 # The square is back, and with it the danger. A crossing of two lost rays has few votes, but it may
 # be far away. So the weight is 0 for all whose share is more than 0.1 below the best one's. Then
-# $\Sigma$ tells in which direction $x$ is uncertain, and by how much.
+# $\Sigma$ tells in which direction $x$ is less certain. (The library adds a little to the diagonal,
+# so that $\Sigma$ can always be inverted; hence `atol`.) PVNet's paper measures from the mean of
+# the hypotheses; we measure from the keypoint, the point that PnP is given.
 
 
 # %%
@@ -479,8 +490,9 @@ assert sure["tip"][0] < sure["tip"][1] and sure["knob"][0] < sure["knob"][1]
 draw.ellipses(teapot.mask, cases, dict(zip(cases, x_both, strict=True)))
 
 # %% [markdown]
-# The ellipses grow with the noise. That of the tip is longer, and it lies along the spout: all rays
-# come from that side, so they cross at small angles. Across, they agree.
+# The ellipses grow with the noise. That of the tip is longer, and it lies along the way from the
+# teapot's middle to the tip: all rays come from that side, so they cross at small angles. Across,
+# they agree.
 #
 # Careful with the numbers, though. The ellipse says how far **crossings of two rays** are
 # scattered. The keypoint comes from all inliers, and is much better than that. How much?
@@ -497,7 +509,8 @@ for k, name in enumerate(cases):
 
 # %% [markdown]
 # So do not read an ellipse as the error of its keypoint. Read it as a comparison: this one is surer
-# than that one, and across rather than along. That is all PnP needs to weigh its points by.
+# than that one, and surer across its long axis than along it. That is all PnP needs to weigh its
+# points by.
 
 # %% [markdown]
 # ## 2. The field as a picture
@@ -532,7 +545,8 @@ draw.keypoints([view, other_view], [teapot.mask, other.mask], [x, x_other])
 
 # %% [markdown]
 # Why not the eight corners of the box, which earlier methods took? The corners float beside the
-# object. No pixel is near them, and all rays come from one side. We have just seen what that does.
+# object. Most have no pixel near them, and get all their rays from one side. We have just seen what
+# that does.
 
 # %%
 sides = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, 8).T
@@ -599,8 +613,9 @@ assert share < 0.7 and not behind.mask[at_tip[1], at_tip[0]]
 draw.hidden(crowd, behind.mask, behind.full_mask, covered, x_behind, 0)
 
 # %% [markdown]
-# To the pixels of the handle it makes no difference whether the spout is hidden. They still know
-# where the handle is, and so where the spout must be. What they need is to be seen themselves.
+# For the pixels of the handle the right answer is the same, whether the spout is hidden or not.
+# They can still see where the handle is, and so where the spout must be. What they need is to be
+# seen themselves.
 #
 # Compare that with a **heat map**: a network that paints a bright spot where the keypoint is. It
 # decides at each place by what it sees around it. Here is what there is to see around each of the
@@ -653,8 +668,9 @@ assert error.max() < 0.2 * size and np.median(error) < 0.03 * size
 draw.found(crowd, behind.full_mask, behind.mask, x_behind, found, Sigma)
 
 # %% [markdown]
-# All nine are found, also the covered ones. The farther a keypoint is from what is seen, the
-# longer its ellipse: an answer that comes with its doubts. Section 5 gives both to PnP.
+# All nine are found, also the covered ones. On the whole, the farther a keypoint is from the middle
+# of what is seen, the longer its ellipse: an answer that comes with its doubts. Section 5 gives
+# both to PnP.
 #
 # So everything hangs on the arrows. Where do they come from? A network paints them. What it is told
 # while it learns decides how good they are, and that is the paper's subject.
@@ -802,7 +818,7 @@ for length in (0.5, 1.0, 2.0):
 # gradients are. (For one vector we sum over the two coordinates, which doubles the mean.)
 
 # %%
-degrees = np.geomspace(0.01, 60, 200)
+degrees = np.sort(np.append(np.geomspace(0.01, 60, 199), 1.0))
 
 
 def slopes(loss, g, degrees):
@@ -841,11 +857,12 @@ print(f"vector loss {of_arrow:.4f}, projection: unit {of_unit:.4f}, at 50 pixels
 assert abs(of_arrow - of_unit) < 1e-5 and np.isclose(of_far, 50**2 * of_unit)
 
 # %% [markdown]
-# With a unit $g$ the new loss repeats the old one: the two lowest curves of the figure are one.
-# **Reading.** $g$ is in pixels. The library has both, `VectorFieldLoss(projection="pixel")` and
-# `"unit"`. Two more things in Eq. 1: it is a sum over pixels, which would weigh near objects more
-# than far ones and change with the size of the image, so we take the mean; and where $p = 0$ it
-# divides by zero, so the library divides by at least 0.001.
+# At small angles a unit $g$ makes the new loss a second copy of the old one: there the two lowest
+# curves of the figure are one. **Reading.** $g$ is in pixels. The library has both,
+# `VectorFieldLoss(projection="pixel")` and `"unit"`. Two more things in Eq. 1: it is a sum over
+# pixels, which would weigh near objects more than far ones and change with the size of the image,
+# so we take the mean; and where $p = 0$ it divides by zero, so the library divides by at least
+# 0.001.
 
 # %% [markdown]
 # ### What a larger gradient is good for
@@ -869,10 +886,10 @@ def adam(factor):
 assert torch.allclose(adam(1), adam(1000), atol=1e-6)
 
 # %% [markdown]
-# Nothing changes. So a fading gradient as such is no harm. What counts is *ratios*: whose error
-# bends the weights that all pixels share? By the vector loss, all pixels have the same say. By the
-# projection loss in pixels, those that are far from the keypoint have more: at a small angle, 100
-# times more at 50 pixels than at 5. And they are the ones whose lines miss most.
+# Nothing changes. So a gradient that is small is not, as such, a harm. What counts is *ratios*:
+# whose error bends the weights that all pixels share? By the vector loss, all pixels have the same
+# say. By the projection loss in pixels, those that are far from the keypoint have more: at a small
+# angle, 100 times more at 50 pixels than at 5. And they are the ones whose lines miss most.
 
 # %%
 small = [0.5]  # degrees: both lines pass within a pixel
@@ -908,8 +925,8 @@ assert 0 < low < middle < high
 # ### The direction that it does not see
 #
 # Back to the valley. Its floor leads through $\hat g$, and just as well through $-\hat g$. A normal
-# knows no forwards: in the figure above, on the right, $p$ points away from the keypoint, and the
-# distance is the same.
+# knows no forwards: in the figure of Eq. 1, on the right, $p$ points away from the keypoint, and
+# the distance is the same.
 #
 # ### Reading closely: Eq. 1 alone
 #
@@ -1081,8 +1098,8 @@ if scale() == "book":
 # > 0.001 every five epochs". Section IV-D: the rate is 0.0001 at first, and halved every 20 of 200
 # > epochs.
 #
-# The figure above is a better reason than the paper's own. But what is launched late here is only
-# the *weight*. Multiply it by the rate:
+# The figure above gives another reason. But what is launched late here is only the *weight*.
+# Multiply it by the rate:
 
 # %%
 epoch = np.arange(200)
@@ -1311,7 +1328,7 @@ layers.seen_squares(frame, (columns.mean(), rows.mean()), squares)
 # ### One network, several objects
 #
 # Up to the last map nothing depends on the object. For each object more, the paper's section IV-F
-# adds output layers: one more number for the mask, and 18 more for the arrows.
+# adds output layers. Ours have one more number for the mask, and 18 more for the arrows.
 
 # %%
 counts = {}
@@ -1405,7 +1422,8 @@ assert seconds(lambda: gathered(some)) < seconds(everywhere)
 # $$ \min_{R, t}\; \sum_k e_k^\top \Sigma_k^{-1} e_k, \qquad
 # e_k = \pi\big(K (R X_k + t)\big) - x_k. $$
 #
-# With equal $\Sigma_k$ this is the PnP of chapter 1.
+# With $\pi(x, y, z) = (x/z, y/z)$. If every $\Sigma_k$ is the same multiple of the identity, this
+# is the PnP of chapter 1.
 
 # %%
 from posecore.registration import pnp, uncertainty_pnp
@@ -1481,8 +1499,8 @@ charts.noise(noises, errors)
 
 # %% [markdown]
 # Thousands of pixels vote, and still noise of single pixels leaves an error. We know it: it is that
-# of section 1. Far pixels miss by more, so plain least squares stops short, and each keypoint is
-# drawn towards the object. An object that looks smaller is taken to be farther away.
+# of section 1. The noise is in angles and least squares is in pixels, so it stops short: each
+# keypoint is drawn towards the object. An object that looks smaller is taken to be farther away.
 
 # %%
 votes = voting.vote_pixels(places, spoilt(4.0, False, np.random.default_rng(0)))
@@ -1501,9 +1519,11 @@ to_first[rows, columns] = field_now[:, 0]
 charts.real(photo, to_first, x, votes.points, votes.covariances, (found.R, found.t), 9)
 
 # %% [markdown]
-# Where neighbours err alike there are only as many opinions as patches, and the errors are several
-# times as large. What the covariances are good for depends: compare the last two curves at each
-# noise. If you read of a voting method that it is robust to noise, ask to which.
+# Where neighbours err alike there are only as many opinions as patches, and keypoints and rotation
+# are off by a multiple. The translation is not: there the pull inwards counts as much. All curves
+# but the third use the covariances. What they are good for depends: compare the last two curves,
+# the same votes with them and without. (Five spoilt fields for each noise are few; that is why the
+# curves are not smooth.) If you read of a voting method that it is robust to noise, ask to which.
 #
 # To train on real pictures, LINEMOD in PVNet's or DenseFusion's folders, a BOP dataset, or your own
 # in PVNet's, give the command line the folder:
@@ -1600,8 +1620,10 @@ print("at 64:", *sizes)
 assert sizes == [64, 128, 512, 1024, 512, 128]
 
 # %% [markdown]
-# **Reading.** The widths of DenseFusion's code, its features replaced by the differences of
-# arrows; ADD or ADD-S over the points as the loss, two iterations.
+# **Reading.** The widths of DenseFusion's code, in place of its features each model point,
+# projected with the present pose, brings nine arrows: what the field says at its pixel, less what
+# the pose lets expect, and whether it is in the mask ($2 \cdot 9 + 1$ numbers). The loss is ADD or
+# ADD-S over the points, with two iterations by default.
 
 # %% [markdown]
 # ### Overlap of what with what?
@@ -1635,8 +1657,8 @@ if scale() == "book":
 
 # %% [markdown]
 # **Reading.** The overlap is the share of the model's points in the mask, 0.8 by default, and an
-# argument. With a perfect pose it is the visible part, and little else. So OPEPL-DR refines what is
-# seen whole and leaves alone what is hidden, be its pose good or bad.
+# argument. With a perfect pose it is the visible part, and little else. So OPEPL-DR mostly refines
+# what is seen well, and leaves alone what is hidden, even if its pose is bad.
 
 # %% [markdown]
 # ## Exercises
@@ -1655,12 +1677,12 @@ if scale() == "book":
 #
 # - Do not ask where a keypoint is. Ask every pixel in which direction it lies: then it may be
 #   hidden.
-# - Vote, do not average. Lost pixels that disagree do no harm; those that agree on a wrong point
-#   do.
+# - Vote, do not average. Lost pixels that disagree do little harm; those that agree on a wrong
+#   point do.
 # - A vote comes with its doubts, and PnP can weigh them. Plain least squares over the inliers stops
-#   short of what lies outside: far pixels miss by more.
+#   short of what lies outside: it makes distances small, and the noise is in angles.
 # - PVNet's loss looks at arrows, the paper's at how far their lines miss. The second is blind to
-#   reversed arrows: it needs the first, and is best begun when they know their way.
+#   reversed arrows: it needs the first, and in our toy was best begun when they knew their way.
 # - Noise that neighbours share does not average out.
 #
 # ## Further reading
@@ -1671,7 +1693,5 @@ if scale() == "book":
 #   centre.
 # - [Wang et al., 2019](https://arxiv.org/abs/1901.04780), *DenseFusion*: where the refiner is from.
 # - [Lepetit et al., 2009](https://doi.org/10.1007/s11263-008-0152-6), *EPnP*.
-# - [Li et al., 2018](https://arxiv.org/abs/1804.00175), *DeepIM*: a refiner that renders, and the
-#   units of its corrections.
 #
 # Next in the book: chapter 9 refines with depth and colour.

@@ -286,8 +286,9 @@ def _hypotheses(rng: np.random.Generator) -> Inputs:
     missing = _tensor([[0, 0], [np.nan, np.nan], [2, 1]])
     yield "rays that did not meet, of weight 0", missing, _tensor([3, 0, 2])
     # Of float32, as networks have it: a mean of squares minus a squared mean loses all digits.
-    near = torch.tensor([[600.1, 400.0], [600.0, 400.1], [599.9, 400.0], [600.0, 399.9]])
-    yield "float32, all to 0.1 px", near, torch.ones(4)
+    near = [[600.1, 400.0], [600.0, 400.1], [599.9, 400.0], [600.0, 399.9]]
+    near = torch.tensor(near, dtype=torch.float32)
+    yield "float32, all to 0.1 px", near, torch.ones(4, dtype=torch.float32)
     yield "weights that are whole numbers, as counts are", square, torch.tensor([5, 0, 1, 2])
     yield "weights that are all 0", square, torch.zeros(4).double()
     yield "no hypotheses at all", square[:0], torch.zeros(0).double()

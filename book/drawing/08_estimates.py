@@ -49,6 +49,7 @@ def windows(
     for column, image, label, wanted in zip(panels.T, images, labels, vectors, strict=True):
         show_crop(column[0], np.uint8(255 * image.clip(0, 1)), box)
         outlines(column[0], label, names)
+        thin(column[0], 1.6)
         field(column[1], label > 0, wanted, box)
     keys = [
         Line2D([], [], color=colour, ls=style, label=name)
@@ -136,6 +137,7 @@ def seen(
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1))
     show_crop(left, rgb, (0, 0, rgb.shape[1], rgb.shape[0]))
     outlines(left, label, names)
+    thin(left, 1.6)
     if found:
         left.legend(fontsize=8, loc="lower left")
     field(right, mask, vectors, window(mask, x, 0.1))

@@ -225,10 +225,10 @@ def noise(degrees: np.ndarray, errors: Mapping[str, Mapping[str, np.ndarray]]) -
         for name, values in curves.items()
     )
     figure = new_picture(
-        8.6,
-        2.9,
+        7.8,
+        2.7,
         f"Errors over the noise of the field from {degrees[0]:g} to {degrees[-1]:g} degrees, "
-        f"rising. {said}.",
+        f"rising on the whole. {said}.",
         "",
     )
     for axes, (title, curves) in zip(figure.subplots(1, len(errors)), errors.items(), strict=True):

@@ -384,7 +384,8 @@ assert projection_loss_here(blind, to_tip) < 1e-12 and (point - keypoint).norm()
 #
 # - A hypothesis of weight 0 does not count, wherever it is. It may even be `nan`: two rays that did
 #   not meet.
-# - A single hypothesis has the covariance 0. (Chapter 8 adds a little to all; you need not.)
+# - A single hypothesis has the covariance 0. (The library adds a little to all; you need
+#   not. And the page measures from the keypoint; here, as in PVNet's paper, from the mean.)
 # - If all weights are 0, or there are no hypotheses, raise a `ValueError`.
 # - Some points come as float32, 600 px from the corner of the image, and within 0.1 px of each
 #   other.
@@ -404,9 +405,7 @@ def cloud(point, count=300):
     (p, q), (u, v) = pixels[pairs], field[pairs]
     crossed = intersect_rays_here(p, u, q, v)
     votes = count_inliers_here(pixels, field, crossed.nan_to_num(-1e6), 0.99)
-    votes[votes < 0.9 * votes.max()] = (
-        0  # as PVNet's code does: those far below the best are left out
-    )
+    votes[votes < votes.max() - 0.1 * len(pixels)] = 0  # those far below the best are left out
     return crossed, votes
 
 
