@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import importlib
 import itertools
 import time
@@ -18,7 +17,7 @@ from posecore.book.checkpoints import resume_folder
 from posecore.papers.vector_field.masked_fields import MaskedFields, look_at
 from posecore.papers.vector_field.network import VectorFieldNet
 from posecore.papers.vector_field.refinement import FieldRefiner
-from posecore.papers.vector_field.refiner_training import RefinerTraining
+from posecore.papers.vector_field.refiner_training import RefinerTraining, weights_digest
 from posecore.papers.vector_field.systems import STAGES, SYSTEMS, Estimate, VectorFieldSystem
 from posecore.registration import pnp
 from posecore.scale import choose
@@ -79,10 +78,11 @@ def compare_losses(seed: int) -> dict[str, float]:
         net = _trained(name, seed)
         system = VectorFieldSystem(net, training.models())
         for split in SPLITS:
-            found = run(system, split)
-            values |= _shares(f"{name}, {split}", split, _poses(found))
+            data, found = training.stack(split), run(system, split)
+            values |= _shares(f"{name}, {split}", outcomes.outcomes(data, _poses(found)))
             if name == "pixel":
-                values |= _shares(f"plain PnP, {split}", split, _plain(found, split))
+                judged = outcomes.outcomes(data, _plain(found, split))
+                values |= _shares(f"plain PnP, {split}", judged)
     return values
 
 
@@ -96,10 +96,11 @@ def compare_systems(seed: int) -> dict[str, float]:
         system = VectorFieldSystem.named(name, net, training.models(), refiner)
         for split in SPLITS:
             found = run(system, split)
-            values |= _shares(f"{name}, {split}", split, _poses(found))
+            judged = outcomes.outcomes(training.stack(split), _poses(found))
+            values |= _shares(f"{name}, {split}", judged)
             share = 100 * float(np.mean([estimate.refined for estimate in found.values()] or [0]))
             values[f"{name}, {split}, refined"] = share
-            everything[name] += outcomes.outcomes(training.stack(split), _poses(found))
+            everything[name] += judged
         for low, high in itertools.pairwise(BINS):
             last = high == BINS[-1]
             some = [o for o in everything[name] if low <= o.visible and (o.visible < high or last)]
@@ -181,7 +182,7 @@ def train_refiner(
         clip=1.0,
         seed=seed,
         device="cpu",
-        resume=resume_folder(train_refiner, seed, steps, _digest(net)) if keep else None,
+        resume=resume_folder(train_refiner, seed, steps, weights_digest(net)) if keep else None,
         show=False,
     )
     return refiner
@@ -201,14 +202,6 @@ def training_fields(net: VectorFieldNet) -> list[tuple[MaskedFields, dict[str, T
 
 
 KEPT = ("object_id", "R", "t", "K")
-
-
-def _digest(net: VectorFieldNet) -> str:
-    """Of the weights: a refiner belongs to its network."""
-    total = hashlib.sha256()
-    for name, value in sorted(net.state_dict().items()):
-        total.update(name.encode() + value.numpy().tobytes())
-    return total.hexdigest()[:16]
 
 
 # Parts --------------------------------------------------------------------------------------------
@@ -240,9 +233,8 @@ def _plain(found: Found, split: str) -> dict[tuple[int, int], Pose]:
     return poses
 
 
-def _shares(name: str, split: str, poses: dict[tuple[int, int], Pose]) -> dict[str, float]:
+def _shares(name: str, judged: list) -> dict[str, float]:
     """Percentages right: over the objects, of each of them, and by 2D projection."""
-    judged = outcomes.outcomes(training.stack(split), poses)
     values = {name: outcomes.recall(judged), f"{name}, 2D": outcomes.recall(judged, "projection")}
     for object_id, word in zip(training.OBJECTS, training.NAMES, strict=True):
         own = [outcome for outcome in judged if outcome.object_id == object_id]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import math
 import os
 import sys
@@ -26,7 +25,7 @@ from posecore.papers.vector_field.losses import VectorFieldLoss
 from posecore.papers.vector_field.masked_fields import MaskedFields, look_at
 from posecore.papers.vector_field.models import object_models
 from posecore.papers.vector_field.network import VectorFieldNet
-from posecore.papers.vector_field.refiner_training import RefinerTraining
+from posecore.papers.vector_field.refiner_training import RefinerTraining, weights_digest
 from posecore.scale import scale
 from posecore.training import fit, seeded
 from posecore.training.machine import choose_device, uses_bfloat16
@@ -222,7 +221,7 @@ def _train_refiner(task: _Task, net: VectorFieldNet) -> None:
         task.run.models,
         size=math.ceil(plan.refiner_batch / task.processes) * task.processes,
     )
-    recipe = {**options, "net": _digest(net)}
+    recipe = {**options, "net": weights_digest(net)}
     task.fit(
         "refiner", refiner, learning.batches, learning.loss,
         steps=options["refiner_steps"], lr=plan.refiner_lr, clip=1.0, recipe=recipe,
@@ -283,11 +282,3 @@ def _on_cpu(fields: MaskedFields) -> MaskedFields:
     )
     x, y = pixels.unbind(-1)
     return MaskedFields(image, y, x, object, vectors, confidence)
-
-
-def _digest(net: nn.Module) -> str:
-    """Of the weights: a refiner belongs to its field."""
-    total = hashlib.sha256()
-    for name, value in net.state_dict().items():
-        total.update(name.encode() + value.cpu().contiguous().numpy().tobytes())
-    return total.hexdigest()[:16]

@@ -14,6 +14,7 @@ from posecore.papers.vector_field.fields import field_targets
 from posecore.papers.vector_field.losses import VectorFieldLoss
 from posecore.papers.vector_field.models import ObjectModel, require_models
 from posecore.papers.vector_field.network import VectorFieldNet
+from posecore.training.randomness import generator_at
 
 __all__ = ["Objective", "Windows"]
 
@@ -108,8 +109,7 @@ class Windows:
         self.step = require_integer("state['step']", state["step"], 0, self.steps)
 
     def _draw(self, step: int) -> dict[str, Tensor]:
-        words = np.random.SeedSequence([self.seed, step]).generate_state(1, np.uint64)
-        generator = torch.Generator().manual_seed(int(words[0] >> np.uint64(1)))
+        generator = generator_at(self.seed, step)
         rows = self._rows[torch.randint(len(self._rows), (self.count,), generator=generator)]
         views, boxes = self._data.view[rows], self._data.box[rows]
         sides = torch.tensor(self.size, dtype=boxes.dtype)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
 
@@ -17,7 +18,7 @@ from posecore.papers.vector_field.models import ObjectModel, require_models
 from posecore.papers.vector_field.refinement import FieldRefiner, correct_pose
 from posecore.rotations import axis_angle_to_matrix
 
-__all__ = ["RefinerTraining", "perturb", "pose_loss"]
+__all__ = ["RefinerTraining", "perturb", "pose_loss", "weights_digest"]
 
 FAR = 0.5
 """Diameters."""
@@ -241,3 +242,14 @@ def _truth(
     flags = torch.zeros(len(fields), dtype=torch.bool)
     flags[known] = True
     return flags, R[row].float(), t[row].float(), batch["K"][fields.image[known]].float()
+
+
+def weights_digest(net: nn.Module) -> str:
+    """16 hexadecimal digits of a network's weights, for what belongs to it and to no other.
+
+    A refiner learns from the fields of one network; resumed beside another it would go on wrongly.
+    """
+    total = hashlib.sha256()
+    for name, value in net.state_dict().items():
+        total.update(name.encode() + value.cpu().contiguous().numpy().tobytes())
+    return total.hexdigest()[:16]

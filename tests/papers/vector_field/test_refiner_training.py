@@ -13,7 +13,12 @@ from posecore import cameras, metrics, poses
 from posecore.papers.vector_field.masked_fields import MaskedFields
 from posecore.papers.vector_field.models import ObjectModel
 from posecore.papers.vector_field.refinement import FieldRefiner
-from posecore.papers.vector_field.refiner_training import RefinerTraining, perturb, pose_loss
+from posecore.papers.vector_field.refiner_training import (
+    RefinerTraining,
+    perturb,
+    pose_loss,
+    weights_digest,
+)
 from posecore.training import fit, seeded
 
 K = torch.tensor([[60.0, 0, 24], [0, 60, 18], [0, 0, 1]]).double()
@@ -183,3 +188,14 @@ def training(**options: object) -> RefinerTraining:
 def test_bad_input_is_named(call: Callable[[], object], name: str) -> None:
     with pytest.raises(ValueError, match=rf"^{name}:"):
         call()
+
+
+def test_the_digest_tells_weights_apart_and_nothing_else():
+    with seeded(0):
+        net = torch.nn.Conv2d(2, 3, 3)
+    first = weights_digest(net)
+    assert len(first) == 16
+    assert weights_digest(net.to(memory_format=torch.channels_last)) == first
+    with torch.no_grad():
+        net.weight[0, 0, 0, 0] += 1e-6
+    assert weights_digest(net) != first
