@@ -32,8 +32,9 @@ class VectorFieldNet(nn.Module):
     Args:
         objects: how many the network knows.
         keypoints: how many directions each pixel says, for each object.
-        width: of the ResNet; all else follows it, but the last two maps keep 32 channels, the
-            paper's number, at least: 16 are few for the 54 numbers of three objects.
+        width: of the ResNet; all else follows it, but the decoder's maps keep the paper's 64, the
+            last two its 32 channels at least: what all keypoints of all objects need has to go
+            through, however narrow the ResNet. It costs next to nothing.
 
     Attributes:
         channels: of the last maps.
@@ -48,10 +49,11 @@ class VectorFieldNet(nn.Module):
         self.keypoints = require_integer("keypoints", keypoints, 1)
         self.backbone = ResNet(width, stride=8)
         self.channels = fine = max(width // 2, 32)
-        self.coarse = _Layer(8 * width, 4 * width)
-        self.stride8 = _Layer(4 * width, 2 * width, beside=2 * width)
-        self.stride4 = _Layer(2 * width, width, beside=width)
-        self.stride2 = _Layer(width, fine, beside=width)
+        decoder = [max(channels, 64) for channels in (4 * width, 2 * width, width)]
+        self.coarse = _Layer(8 * width, decoder[0])
+        self.stride8 = _Layer(decoder[0], decoder[1], beside=2 * width)
+        self.stride4 = _Layer(decoder[1], decoder[2], beside=width)
+        self.stride2 = _Layer(decoder[2], fine, beside=width)
         self.stride1 = _Layer(fine, fine, beside=3)
         self.mask_layer = nn.Linear(fine, 1 + objects)
         self.vector_layer = nn.Linear(fine, objects * keypoints * 2)

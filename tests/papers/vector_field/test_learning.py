@@ -10,7 +10,7 @@ import data_tools
 from data_tools import batches
 from posecore import cameras, poses
 from posecore.papers.vector_field.fields import field_targets
-from posecore.papers.vector_field.learning import Objective, Windows, _by_object, _by_window
+from posecore.papers.vector_field.learning import Objective, Pool, Windows, _by_object, _by_window
 from posecore.papers.vector_field.losses import VectorFieldLoss
 from posecore.papers.vector_field.models import ObjectModel, object_models
 from posecore.papers.vector_field.network import VectorFieldNet
@@ -115,6 +115,64 @@ def test_left_and_taken_up_again(windows):
     assert all(same(a, b) for a, b in zip(second, whole[2:], strict=True))
     assert all(same(a, b) for a, b in zip(second, whole, strict=True))  # and from the beginning
     assert [float(batch["done"]) for batch in whole] == [0, 0.25, 0.5, 0.75]
+
+
+def test_a_pool_has_the_windows_that_were_cut(windows):
+    cut = list(windows(steps=5, count=2, augment=batches.Augmentation()))
+    pool = Pool(windows(steps=5, count=2, augment=batches.Augmentation()), steps=30, count=3)
+    assert pool.size == 10 and len(pool) == 30
+    seen = set()
+    for step, batch in enumerate(pool):
+        assert batch["rgb"].shape == (3, 3, 48, 48) and batch["rgb"].dtype == torch.float32
+        assert float(batch["done"]) == pytest.approx(step / 30)
+        for b in range(3):
+            away = [
+                float((batch["rgb"][b] - window["rgb"][w]).abs().max())
+                for window in cut
+                for w in range(2)
+            ]
+            row = int(np.argmin(away))
+            assert away[row] < 0.51 / 255
+            own = {
+                name: values[row % 2] for name, values in cut[row // 2].items() if name != "done"
+            }
+            assert torch.equal(batch["instance"][b], own["instance"])
+            assert torch.equal(batch["K"][b], own["K"])
+            count = len(own["object_id"])
+            assert torch.equal(batch["object_id"][b][:count], own["object_id"])
+            assert (batch["object_id"][b][count:] == -1).all()
+            assert torch.equal(batch["R"][b][:count], own["R"])
+            assert torch.equal(batch["t"][b][:count], own["t"])
+            seen.add(row)
+    assert len(seen) == 10  # of 90 draws
+
+
+def test_a_pool_teaches_what_its_windows_teach(windows, models):
+    (window,) = windows(steps=1, count=1)
+    (drawn,) = Pool(windows(steps=1, count=1), steps=1, count=1)
+    with seeded(0):
+        net = VectorFieldNet(len(models), width=8).eval()
+    objective = Objective(models, pixels_per_object=None)
+    for name, value in objective(net, window).items():
+        torch.testing.assert_close(objective(net, drawn)[name], value, rtol=0.01, atol=1e-4)
+
+
+def test_a_pool_is_drawn_from_again_and_taken_up_again(windows):
+    pool = Pool(windows(), steps=4, count=2)
+    other = pool.drawn(steps=6, count=3, seed=1)
+    assert len(pool) == 4 and len(other) == 6 and next(iter(other))["rgb"].shape[0] == 3
+    whole = list(pool)
+    first, second = pool.drawn(steps=4, count=2), pool.drawn(steps=4, count=2)
+    iterator = iter(first)
+    next(iterator), next(iterator)
+    second.load_state_dict(first.state_dict())
+    assert all(same(a, b) for a, b in zip(second, whole[2:], strict=True))
+    with pytest.raises(ValueError, match="^state"):
+        second.load_state_dict(other.state_dict())
+    with pytest.raises(ValueError, match="^windows"):
+        Pool(whole, steps=1, count=1)
+    with pytest.raises(ValueError, match="^count"):
+        pool.drawn(steps=1, count=0)
 
 
 def test_other_seeds_have_other_windows(windows):

@@ -55,10 +55,10 @@ def test_sizes_are_the_papers() -> None:
 
 @pytest.mark.parametrize(
     ("width", "outs"),
-    [(4, (16, 8, 4, 32, 32)), (16, (64, 32, 16, 32, 32)), (24, (96, 48, 24, 32, 32)),
+    [(4, (64, 64, 64, 32, 32)), (16, (64, 64, 64, 32, 32)), (24, (96, 64, 64, 32, 32)),
      (80, (320, 160, 80, 40, 40)), (128, (512, 256, 128, 64, 64))],
 )  # fmt: skip
-def test_sizes_follow_the_width_but_the_finest_keep_32(width, outs) -> None:
+def test_sizes_follow_the_width_but_keep_64_and_at_last_32(width, outs) -> None:
     with torch.device("meta"):
         net = VectorFieldNet(width=width)
     assert tuple(getattr(net, name).conv.out_channels for name in DECODER) == outs
