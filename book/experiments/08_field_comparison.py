@@ -14,10 +14,14 @@ import torch
 from torch import Tensor
 
 from posecore.book.checkpoints import resume_folder
-from posecore.papers.vector_field.masked_fields import MaskedFields, look_at
+from posecore.papers.vector_field.masked_fields import MaskedFields
 from posecore.papers.vector_field.network import VectorFieldNet
 from posecore.papers.vector_field.refinement import FieldRefiner
-from posecore.papers.vector_field.refiner_training import RefinerTraining, weights_digest
+from posecore.papers.vector_field.refiner_training import (
+    RefinerTraining,
+    look_at_views,
+    weights_digest,
+)
 from posecore.papers.vector_field.systems import STAGES, SYSTEMS, Estimate, VectorFieldSystem
 from posecore.registration import pnp
 from posecore.scale import choose
@@ -122,7 +126,7 @@ def measure_speed(seed: int) -> dict[str, float]:
     rows = data.rows(object_id=training.OBJECTS, visible=0.5)
     shown = torch.bincount(data.view[rows], minlength=len(data))
     views = shown.argsort(descending=True, stable=True)[: choose(tiny=2, book=20, paper=50)]
-    batches = [data.frames(view[None]) for view in views]
+    batches = [training.frames("easy", view[None]) for view in views]
     values = {}
     for count in range(1, 1 + len(known)):
         system = VectorFieldSystem(part_of(net, count), known[:count])
@@ -190,18 +194,9 @@ def train_refiner(
 
 def training_fields(net: VectorFieldNet) -> list[tuple[MaskedFields, dict[str, Tensor]]]:
     """What a network says of the training images, each varied once."""
-    data = training.stack("train")
-    generator = torch.Generator().manual_seed(0)
-    seen = []
-    for views in torch.arange(len(data)).split(16):
-        batch = data.frames(views, augment=training.VARIED, generator=generator)
-        fields = look_at(net, batch["rgb"])
-        if len(fields):
-            seen.append((fields, {name: batch[name] for name in ("image", *KEPT)}))
-    return seen
-
-
-KEPT = ("object_id", "R", "t", "K")
+    return look_at_views(
+        net, training.stack("train"), training.size(), augment=training.VARIED, show=False
+    )
 
 
 # Parts --------------------------------------------------------------------------------------------
@@ -213,9 +208,8 @@ def _trained(name: str, seed: int) -> VectorFieldNet:
 
 
 def _looks(split: str) -> Iterator[tuple[Tensor, dict[str, Tensor]]]:
-    data = training.stack(split)
-    for views in torch.arange(len(data)).split(10):
-        yield views, data.frames(views)
+    for views in torch.arange(len(training.stack(split))).split(10):
+        yield views, training.frames(split, views)
 
 
 def _poses(found: Found) -> dict[tuple[int, int], Pose]:
@@ -225,10 +219,11 @@ def _poses(found: Found) -> dict[tuple[int, int], Pose]:
 def _plain(found: Found, split: str) -> dict[tuple[int, int], Pose]:
     """PnP of the same keypoints, all trusted alike."""
     known = {model.object_id: model for model in training.models()}
-    data, poses = training.stack(split), {}
+    poses = {}
     for (view, object_id), estimate in found.items():
+        K = training.camera(split, view)
         with contextlib.suppress(ValueError):  # no pose fits: not found
-            solved = pnp(known[object_id].keypoints, estimate.keypoints, data.K[view].numpy())
+            solved = pnp(known[object_id].keypoints, estimate.keypoints, K)
             poses[view, object_id] = solved.R, solved.t
     return poses
 

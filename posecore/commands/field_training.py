@@ -6,88 +6,37 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
 from torch import nn
-from tqdm.auto import tqdm
 
-from data_tools.batches import Augmentation, Stack, load
+from data_tools.batches import Stack, load
 from data_tools.views import Dataset
-from posecore.arrays import fail, require_integer
+from posecore.arrays import fail, require_integer, require_number
+from posecore.commands.field_plans import PLANS, Plan
 from posecore.commands.field_runs import Run, read_run
 from posecore.commands.sources import open_source
-from posecore.papers.vector_field.learning import Objective, Windows
+from posecore.papers.vector_field.learning import Objective, Pool, Windows
 from posecore.papers.vector_field.losses import VectorFieldLoss
-from posecore.papers.vector_field.masked_fields import MaskedFields, look_at
 from posecore.papers.vector_field.models import object_models
 from posecore.papers.vector_field.network import VectorFieldNet
-from posecore.papers.vector_field.refiner_training import RefinerTraining, weights_digest
+from posecore.papers.vector_field.refiner_training import (
+    RefinerTraining,
+    look_at_views,
+    weights_digest,
+)
 from posecore.scale import scale
 from posecore.training import fit, seeded
-from posecore.training.machine import choose_device, uses_bfloat16
+from posecore.training.machine import choose_device
 
-__all__ = ["PLANS", "Plan", "halved", "train"]
+__all__ = ["train"]
 
-AT_ONCE = 8  # images that the network looks at for the refiner
-
-
-def halved(done: float) -> float:
-    """The paper's learning rate, from the part of the training that is done to a factor.
-
-    Halved every 20 of 200 epochs (You et al., Section IV-A).
-    """
-    return 0.5 ** math.floor(10 * done + 1e-9)  # 0.29 * 100, for one, is a little below 29
-
-
-@dataclass(frozen=True, kw_only=True)
-class Plan:
-    """The sizes of a scale.
-
-    Attributes:
-        width, refiner_width: of the networks.
-        window: (width, height) in pixels of what is trained on, at most the whole image.
-        batch, refiner_batch: windows, and objects, in a step.
-        pixels: of each object in a window that the loss looks at; None for all.
-        lr, schedule: of the field.
-        refiner_lr: the schedule is the same.
-        steps: of the field; None for `epochs` rounds of as many windows as there are images.
-        refiner_steps: of the refiner.
-        refiner_images: at most so many of the training images are looked at for it.
-    """
-
-    width: int
-    window: tuple[int, int]
-    batch: int
-    pixels: int | None = 256
-    lr: float = 2e-3
-    schedule: str | Callable[[float], float] = "cosine"
-    steps: int | None = None
-    epochs: int = 200
-    refiner_width: int
-    refiner_batch: int = 64
-    refiner_lr: float = 1e-3
-    refiner_steps: int
-    refiner_images: int = 4000
-
-
-PLANS = {
-    "tiny": Plan(
-        width=8, window=(64, 64), batch=4, steps=20,
-        refiner_width=4, refiner_batch=8, refiner_steps=20,
-    ),
-    "book": Plan(
-        width=16, window=(128, 128), batch=16, steps=3000, refiner_width=16, refiner_steps=2000
-    ),
-    # The paper and PVNet, whose refiner is trained "until the training loss converges".
-    "paper": Plan(
-        width=64, window=(640, 480), batch=32, pixels=None, lr=1e-4, schedule=halved,
-        refiner_width=64, refiner_lr=1e-4, refiner_steps=50_000,
-    ),
-}  # fmt: skip
+AT_ONCE = 64  # windows that are cut together; their backgrounds are of each other
+IN_POOL = 30_000  # windows at most: of 96 x 96 pixels, 1.4 GB
 
 
 def train(options: argparse.Namespace) -> None:
@@ -136,7 +85,7 @@ def _prepare(options: argparse.Namespace) -> _Task:
     scale_name = options.scale or scale()
     plan, processes = PLANS[scale_name], int(os.environ.get("WORLD_SIZE", "1"))
     first = os.environ.get("RANK", "0") == "0"
-    loss = VectorFieldLoss(options.projection, _weight(options.weight))
+    loss = _loss(options, plan)
     batch = _integer("--batch", options.batch, plan.batch, 1)
     if batch % processes:
         fail("--batch", f"a multiple of the {processes} processes", batch)
@@ -168,6 +117,8 @@ def _prepare(options: argparse.Namespace) -> _Task:
         "batch": batch,
         "projection": loss.projection,
         "weight": loss.weight,
+        "begin": loss.begin,
+        "forward_only": loss.forward_only,
         "imagenet": options.imagenet,
         "seed": options.seed,
     }
@@ -183,16 +134,7 @@ def _prepare(options: argparse.Namespace) -> _Task:
 def _train_field(task: _Task, imagenet: str | None) -> VectorFieldNet:
     plan, run, data = task.plan, task.run, task.data
     options = run.options
-    windows = Windows(
-        data,
-        run.models,
-        steps=options["steps"],
-        count=options["batch"],
-        size=tuple(map(min, plan.window, data.size)),
-        seed=options["seed"],
-        augment=Augmentation(),
-        visible=0.0 if data.visible_fraction is None else 0.1,
-    )
+    batches = _batches(task)
     with seeded(options["seed"]):
         net = run.new_net()
     if imagenet:
@@ -202,12 +144,13 @@ def _train_field(task: _Task, imagenet: str | None) -> VectorFieldNet:
             raise ValueError(f"--imagenet: {error}") from error
     if task.first:
         run.write()
-    loss = VectorFieldLoss(options["projection"], options["weight"])
+    names = ("projection", "weight", "begin", "forward_only")
+    loss = VectorFieldLoss(**{name: options[name] for name in names})
     objective = Objective(run.models, loss, plan.pixels)
     recipe = {**options, "views": len(data)}
     task.fit(
-        "net", net, windows, objective,
-        steps=options["steps"], lr=plan.lr, clip=10.0, recipe=recipe,
+        "net", net, batches, objective, steps=options["steps"],
+        lr=plan.lr, optimiser=plan.optimiser, clip=10.0, recipe=recipe,
     )  # fmt: skip
     return net
 
@@ -216,8 +159,14 @@ def _train_refiner(task: _Task, net: VectorFieldNet) -> None:
     plan, options = task.plan, task.run.options
     with seeded(options["seed"]):
         refiner = task.run.new_refiner()
+    seen = look_at_views(
+        net, task.data, most=plan.refiner_images, augment=plan.augment,
+        seed=options["seed"], show=None if task.first else False,
+    )  # fmt: skip
+    if not seen:
+        fail("--steps", "enough for a field that sees objects, or --refiner-steps 0", "too few")
     learning = RefinerTraining(
-        _looks(net, task),
+        seen,
         task.run.models,
         size=math.ceil(plan.refiner_batch / task.processes) * task.processes,
     )
@@ -228,17 +177,66 @@ def _train_refiner(task: _Task, net: VectorFieldNet) -> None:
     )  # fmt: skip
 
 
+def _batches(task: _Task) -> Windows | _Later:
+    """The windows of a training, cut anew for every step or drawn from a pool."""
+    plan, data, options = task.plan, task.data, task.run.options
+    draws = {"steps": options["steps"], "count": options["batch"], "seed": options["seed"]}
+    visible = 0.0 if data.visible_fraction is None else plan.visible
+    cut = draws
+    if plan.looks is not None:
+        rows = data.rows(object_id=options["objects"], visible=visible)
+        drawn = options["steps"] * options["batch"]
+        wanted = max(1, min(plan.looks * len(rows), drawn, IN_POOL))
+        count = min(wanted, AT_ONCE)
+        cut = draws | {"steps": math.ceil(wanted / count), "count": count}
+    windows = Windows(
+        data,
+        task.run.models,
+        **cut,
+        size=tuple(map(min, plan.window, data.size)),
+        augment=plan.augment,
+        visible=visible,
+        shift=plan.shift,
+    )
+    return windows if plan.looks is None else _Later(lambda: Pool(windows, **draws))
+
+
+class _Later:
+    """A pool that is cut when its first batch is wanted, for a finished training never."""
+
+    def __init__(self, cut: Callable[[], Pool]) -> None:
+        self._cut, self._state = cut, {}
+
+    @cached_property
+    def _pool(self) -> Pool:
+        pool = self._cut()
+        if self._state:
+            pool.load_state_dict(self._state)
+        return pool
+
+    def __iter__(self) -> Iterator[dict[str, torch.Tensor]]:
+        return iter(self._pool)
+
+    def state_dict(self) -> dict[str, int]:
+        return self._pool.state_dict() if "_pool" in vars(self) else self._state
+
+    def load_state_dict(self, state: dict[str, int]) -> None:
+        vars(self).pop("_pool", None)
+        self._state = state
+
+
 def _integer(name: str, value: int | None, default: int | None, low: int) -> int | None:
     return default if value is None else require_integer(name, value, low)
 
 
-def _weight(text: str) -> float | str:
+def _loss(options: argparse.Namespace, plan: Plan) -> VectorFieldLoss:
+    begin = plan.begin if options.begin is None else require_number("--begin", options.begin, 0, 1)
+    forward_only = plan.forward_only if options.forward_only is None else options.forward_only
     try:
-        number = "dynamic" if text == "dynamic" else float(text)
-        VectorFieldLoss(weight=number)
+        weight = "dynamic" if options.weight == "dynamic" else float(options.weight)
+        return VectorFieldLoss(options.projection, weight, begin, forward_only)
     except ValueError:
-        fail("--weight", "dynamic, or a number of at least 0", text)
-    return number
+        fail("--weight", "dynamic, or a number of at least 0", options.weight)
 
 
 def _objects(options: argparse.Namespace, dataset: Dataset) -> list[int]:
@@ -250,35 +248,3 @@ def _objects(options: argparse.Namespace, dataset: Dataset) -> list[int]:
         shown = ", ".join(map(str, there[:20])) + (", ..." if len(there) > 20 else "")
         fail("--objects", f"some of {shown}, which {options.data} has", missing)
     return sorted(set(options.objects or there))
-
-
-def _looks(net: VectorFieldNet, task: _Task) -> list[tuple[MaskedFields, dict[str, torch.Tensor]]]:
-    """What a trained network says of whole training images, each varied once."""
-    data, device = task.data, task.device
-    generator = torch.Generator().manual_seed(task.run.options["seed"])
-    half, seen = uses_bfloat16("auto", device, net), []
-    # Evenly over the split, as its parts may differ.
-    views = torch.arange(len(data))[:: math.ceil(len(data) / task.plan.refiner_images)]
-    for some in tqdm(views.split(AT_ONCE), desc="fields", disable=None if task.first else True):
-        batch = data.frames(some, augment=Augmentation(), generator=generator)
-        images = batch["rgb"].to(device, memory_format=torch.channels_last)
-        with torch.autocast(device.type, torch.bfloat16, enabled=half):
-            fields = look_at(net, images)
-        if len(fields):
-            known = {name: batch[name] for name in ("image", "object_id", "R", "t", "K")}
-            seen.append((fields if device.type == "cpu" else _on_cpu(fields), known))
-    if not seen:
-        fail("--steps", "enough for a field that sees objects, or --refiner-steps 0", "too few")
-    return seen
-
-
-def _on_cpu(fields: MaskedFields) -> MaskedFields:
-    """The same fields where the refiner's poses are made wrong."""
-    parts = [fields.of(entry) for entry in range(len(fields))]
-    pixels, vectors = (torch.cat(column).cpu() for column in zip(*parts, strict=True))
-    image, object, confidence = (
-        values.repeat_interleave(fields.counts).cpu()
-        for values in (fields.image, fields.object, fields.confidence)
-    )
-    x, y = pixels.unbind(-1)
-    return MaskedFields(image, y, x, object, vectors, confidence)

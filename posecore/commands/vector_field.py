@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from typing import Any
 
 from posecore.commands.field_estimates import estimate
@@ -37,6 +38,17 @@ def add_train(methods: Any) -> None:
     command.add_argument("--batch", type=int, help="windows in a step; default: by the scale")
     command.add_argument("--projection", choices=PROJECTIONS, default="pixel", help="loss of Eq 1")
     command.add_argument("--weight", default="dynamic", help="of that loss: dynamic, or a number")
+    command.add_argument(
+        "--begin",
+        metavar="FRACTION",
+        type=float,
+        help="of the training, before that loss comes in; default: by the scale",
+    )
+    command.add_argument(
+        "--forward-only",
+        action=argparse.BooleanOptionalAction,
+        help="leave vectors that point away out of that loss; default: by the scale",
+    )
     command.add_argument("--imagenet", metavar="FILE", help="torchvision's resnet18, at width 64")
     command.add_argument("--seed", type=int, default=0)
     command.add_argument("--device", default="auto", help="default: a GPU where there is one")

@@ -1,5 +1,7 @@
 """`train vector_field` and `estimate vector_field`: from data to figures, and what they refuse."""
 
+import dataclasses
+import importlib
 import json
 import math
 import os
@@ -22,16 +24,19 @@ from data_tools.batches import Augmentation
 from data_tools.bop import read_results
 from posecore.__main__ import main
 from posecore.commands import field_estimates, field_training
+from posecore.commands.field_plans import PLANS, halved
 from posecore.commands.field_runs import read_run
-from posecore.commands.field_training import PLANS, halved
 from posecore.nets.resnet import ResNet
-from posecore.papers.vector_field.learning import Objective
+from posecore.papers.vector_field import refiner_training
+from posecore.papers.vector_field.learning import Objective, Pool, Windows
 from posecore.papers.vector_field.losses import VectorFieldLoss
 from posecore.papers.vector_field.masked_fields import look_at
 from posecore.papers.vector_field.models import ObjectModel
 from posecore.papers.vector_field.network import VectorFieldNet
 from posecore.papers.vector_field.systems import STAGES, Estimate, VectorFieldSystem
 from posecore.training import fit, seeded
+from posecore.training.loop import ADAM
+from posecore.training.muon import Muon
 
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {name: value for name, value in os.environ.items() if "proxy" not in name.lower()}
@@ -79,6 +84,8 @@ def test_the_papers_numbers():
     paper, varied = PLANS["paper"], Augmentation()
     assert (paper.width, paper.window, paper.batch) == (64, (640, 480), 32)
     assert (paper.lr, paper.epochs, paper.steps) == (1e-4, 200, None)
+    assert (paper.optimiser, paper.looks, paper.pixels, paper.augment) == (ADAM, None, None, varied)
+    assert (paper.begin, paper.forward_only) == (0, False)
     assert varied.turn == pytest.approx(math.radians(30))
     assert 1 / varied.zoom <= 0.8 and varied.zoom >= 1.2 and varied.blur > 0
     epochs = [0, 19, 20, 39, 40, 58, 60, 199]  # 58 / 200 * 10 is a little below 2.9
@@ -86,6 +93,16 @@ def test_the_papers_numbers():
         0.5 ** (epoch // 20) for epoch in epochs
     ]
     assert [halved(step / 100) for step in range(100)] == [0.5 ** (s // 10) for s in range(100)]
+
+
+def test_the_books_numbers_are_those_of_its_experiments(monkeypatch):
+    monkeypatch.setenv("POSECORE_SCALE", "book")
+    book, chapter = PLANS["book"], importlib.import_module("book.experiments.08_field_training")
+    assert (book.width, book.augment) == (chapter.width(), chapter.VARIED)
+    assert (book.window, book.batch, book.steps, book.looks) == ((96, 96), 32, 9000, 8)
+    assert (book.visible, book.shift, book.pixels) == (0.15, 0.22, 256)
+    assert (book.optimiser, book.lr, book.schedule) == (Muon, 8e-3, "cosine")
+    assert (book.begin, book.forward_only) == (0.15, True)
 
 
 def test_a_step_at_paper_scale(rng):
@@ -135,7 +152,7 @@ def test_a_run_holds_all_that_its_models_need(run, source):
     assert found.options == {
         "data": source, "split": "train", "objects": [1, 3], "scale": "tiny", "steps": 12,
         "refiner_steps": 6, "batch": 4, "projection": "pixel", "weight": "dynamic",
-        "imagenet": None, "seed": 0,
+        "begin": 0.15, "forward_only": True, "imagenet": None, "seed": 0,
     }  # fmt: skip
     known = data_tools.open(source, split="train").models()
     for model in found.models:
@@ -243,19 +260,67 @@ def test_linemod_as_pvnet_lays_it_out(source, tmp_path, capsys):
     assert len(read_results(output)) > 0
 
 
-def test_fields_are_copied_whole(run):
-    found = read_run(run)
-    net = found.new_net()
-    found.load_weights("net", net)
-    fields = look_at(net, torch.rand(2, 3, 40, 48), min_pixels=1)
-    copied = field_training._on_cpu(fields)
-    assert len(fields) > 0
-    for name in ("image", "object", "counts"):
-        assert torch.equal(getattr(copied, name), getattr(fields, name))
-    torch.testing.assert_close(copied.confidence, fields.confidence)
-    for entry in range(len(fields)):
-        for one, other in zip(copied.of(entry), fields.of(entry), strict=True):
-            assert torch.equal(one, other)
+def taught(monkeypatch, words):
+    """What a command's training learns from: its pools, its batches and its loss."""
+    pools, given = [], {}
+
+    class KeptPool(Pool):
+        def __init__(self, windows, **options):
+            super().__init__(windows, **options)
+            pools.append(self)
+
+    def kept_fit(model, batches, objective, **options):
+        given.update(options, batches=batches, loss=objective.loss)
+        return fit(model, batches, objective, **options)
+
+    monkeypatch.setattr(field_training, "Pool", KeptPool)
+    monkeypatch.setattr(field_training, "fit", kept_fit)
+    assert main([*words, "--refiner-steps", "0"]) == 0
+    return pools, given
+
+
+@pytest.mark.parametrize("steps", [2, 20])
+def test_windows_are_cut_once(source, tmp_path, monkeypatch, steps):
+    dataset = data_tools.open(source, split="train")
+    objects = [item for view in dataset for item in view.objects if item.object_id in (1, 3)]
+    shown = sum(item.visible_fraction >= 0.15 for item in objects)
+    assert 8 < shown < 64
+    words = training(source, tmp_path, "--steps", str(steps))
+    pools, given = taught(monkeypatch, words)
+    (pool,) = pools
+    assert pool.size == min(4 * steps, shown)
+    assert (pool.steps, pool.count, pool.step) == (steps, 4, steps)
+    assert given["optimiser"] is Muon
+    assert (given["loss"].begin, given["loss"].forward_only) == (0.15, True)
+
+
+def test_a_pool_has_bounds(source, tmp_path, monkeypatch):
+    monkeypatch.setattr(field_training, "AT_ONCE", 4)
+    monkeypatch.setattr(field_training, "IN_POOL", 9)
+    (pool,), _ = taught(monkeypatch, training(source, tmp_path))
+    assert pool.size == 12  # whole batches
+
+
+def test_a_plan_without_a_pool(source, tmp_path, monkeypatch):
+    plain = dataclasses.replace(
+        PLANS["tiny"], looks=None, begin=0.0, forward_only=False, optimiser=ADAM, visible=0.1
+    )
+    monkeypatch.setitem(field_training.PLANS, "tiny", plain)
+    pools, given = taught(monkeypatch, training(source, tmp_path))
+    assert pools == [] and isinstance(given["batches"], Windows)
+    assert (given["batches"].steps, given["batches"].count) == (12, 4)
+    assert given["optimiser"] is ADAM
+    assert (given["loss"].begin, given["loss"].forward_only) == (0, False)
+    assert read_run(tmp_path).options["forward_only"] is False
+
+
+def test_the_loss_that_was_asked_for(source, tmp_path, monkeypatch):
+    words = training(source, tmp_path, "--begin", "0.5", "--no-forward-only", "--weight", "0.1")
+    loss = taught(monkeypatch, words)[1]["loss"]
+    assert (loss.begin, loss.forward_only, loss.weight) == (0.5, False, 0.1)
+    assert [loss.beta(done) for done in (0, 0.49, 0.5, 1)] == [0, 0, 0.1, 0.1]
+    found = read_run(tmp_path).options
+    assert (found["begin"], found["forward_only"]) == (0.5, False)
 
 
 # Stopped, and several processes -------------------------------------------------------------------
@@ -308,6 +373,7 @@ def test_a_run_that_was_killed_goes_on_bit_for_bit(run, source, tmp_path, monkey
 
 def test_a_finished_run_stays_as_it_is(run, source, monkeypatch):
     monkeypatch.setattr(Objective, "__call__", None)
+    monkeypatch.setattr(field_training, "Pool", None)  # nor are windows cut again
     before = contents(run)
     assert main(training(source, run)) == 0
     assert contents(run) == before
@@ -363,6 +429,9 @@ def refused(capsys, words, message):
         (["--weight", "heavy"], "--weight: expected dynamic"),
         (["--weight", "-1"], "--weight"),
         (["--weight", "nan"], "--weight"),
+        (["--begin", "1.5"], "--begin: expected"),
+        (["--begin", "-0.1"], "--begin: expected"),
+        (["--begin", "nan"], "--begin: expected"),
         (["--device", "moon"], "device"),
         (["--imagenet", "nowhere.pth"], "nowhere.pth"),
         (
@@ -384,12 +453,14 @@ def test_bad_options_of_training(source, tmp_path, capsys, monkeypatch, options,
     "options",
     [
         ["--steps", "13"], ["--refiner-steps", "0"], ["--seed", "1"], ["--objects", "1"],
-        ["--batch", "2"], ["--weight", "0.05"], ["--projection", "unit"],
+        ["--batch", "2"], ["--weight", "0.05"], ["--projection", "unit"], ["--begin", "0.2"],
+        ["--no-forward-only"],
     ],
 )  # fmt: skip
 def test_another_runs_options_are_named(run, source, capsys, options):
     before = contents(run)
-    refused(capsys, training(source, run, *options), f"{options[0]}: expected")
+    name = options[0].replace("--no-", "--")
+    refused(capsys, training(source, run, *options), f"{name}: expected")
     assert contents(run) == before
 
 
@@ -489,7 +560,7 @@ def test_a_field_that_sees_nothing(source, tmp_path, capsys, monkeypatch):
     def blind(net, images):
         return look_at(net, images, min_pixels=10**6)
 
-    monkeypatch.setattr(field_training, "look_at", blind)
+    monkeypatch.setattr(refiner_training, "look_at", blind)
     words = training(source, tmp_path / "run", "--steps", "1")
     assert main(words) == 2
     assert "--steps: expected enough" in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 
 import torch
@@ -93,6 +94,12 @@ class MaskedFields:
         place = self._first[entry] + y * self._size[entry, 0] + x
         self._row = place.new_full((int(area.sum()),), -1)
         self._row[place] = torch.arange(len(place), device=place.device)
+
+    def to(self, device: torch.device | str) -> MaskedFields:
+        """The same fields on a device."""
+        moved = copy.copy(self)
+        vars(moved).update({name: value.to(device) for name, value in vars(self).items()})
+        return moved
 
     def of(self, entry: int) -> tuple[Tensor, Tensor]:
         """The pixels (P', 2) in the mask of one entry, x and y, and their vectors (P', K, 2)."""

@@ -5,23 +5,29 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
+from tqdm.auto import tqdm
 
 from posecore import poses
 from posecore.arrays import Array, array_function, fail, require_integer, require_number
 from posecore.papers.vector_field.keypoints import canonical_rotation
-from posecore.papers.vector_field.masked_fields import MaskedFields
+from posecore.papers.vector_field.masked_fields import MaskedFields, look_at
 from posecore.papers.vector_field.models import ObjectModel, require_models
+from posecore.papers.vector_field.network import VectorFieldNet
 from posecore.papers.vector_field.refinement import FieldRefiner, correct_pose
 from posecore.rotations import axis_angle_to_matrix
+from posecore.training.machine import uses_bfloat16
 
-__all__ = ["RefinerTraining", "perturb", "pose_loss", "weights_digest"]
+__all__ = ["RefinerTraining", "look_at_views", "perturb", "pose_loss", "weights_digest"]
 
 FAR = 0.5
 """Diameters."""
+AT_ONCE = 8
+KEPT = ("image", "object_id", "R", "t", "K")
 
 
 @array_function(
@@ -96,10 +102,58 @@ def perturb(
     return correct_pose(R, t, centre, diameter, axis_angle_to_matrix(turn), shift)
 
 
+def look_at_views(
+    net: VectorFieldNet,
+    data: Any,
+    size: tuple[int, int] | None = None,
+    *,
+    most: int | None = None,
+    augment: Any = None,
+    seed: int = 0,
+    show: bool | None = None,
+) -> list[tuple[MaskedFields, dict[str, Tensor]]]:
+    """What a trained network says of whole images, for `RefinerTraining`.
+
+    The network computes where it is, in bfloat16 where `fit` would; the fields come to the CPU.
+
+    Args:
+        net: in evaluation mode, as `fit` leaves it.
+        data: `data_tools.batches.Stack`, or what has its `frames` and length.
+        size: (width, height) of the images; None for the data's.
+        most: look at no more images than so many, evenly over the data, whose parts may differ.
+        augment: `data_tools.batches.Augmentation`, each image is varied once; None for none.
+        seed: of the variations.
+        show: a progress bar; by default in a terminal.
+
+    Returns:
+        Of each batch of images in which the network sees something its fields, and the true
+        "image", "object_id", "R" and "t" of the objects in it, and "K" of the images.
+
+    Raises:
+        ValueError: if a number is out of range.
+    """
+    step = 1
+    if most is not None:
+        step = max(1, math.ceil(len(data) / require_integer("most", most, 1)))
+    generator = torch.Generator().manual_seed(require_integer("seed", seed, 0))
+    device = next(net.parameters()).device
+    half = uses_bfloat16("auto", device, net)
+    views = torch.arange(0, len(data), step).split(AT_ONCE)
+    seen = []
+    for some in tqdm(views, desc="fields", disable=None if show is None else not show):
+        batch = data.frames(some, size, augment=augment, generator=generator)
+        images = batch["rgb"].to(device, memory_format=torch.channels_last)
+        with torch.autocast(device.type, torch.bfloat16, enabled=half):
+            fields = look_at(net, images)
+        if len(fields):
+            seen.append((fields.to("cpu"), {name: batch[name] for name in KEPT}))
+    return seen
+
+
 class RefinerTraining:
     """Batches and loss of a refiner, from the fields of a network that is trained and frozen.
 
-        training = RefinerTraining([(look_at(net, b["rgb"]), b) for b in some], refiner.models)
+        training = RefinerTraining(look_at_views(net, data), refiner.models)
         fit(refiner, training.batches, training.loss, steps=2000, clip=1.0)
 
     The fields are kept, so a batch is made of numbers only. The poses to begin with are true ones

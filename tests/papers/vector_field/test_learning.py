@@ -103,6 +103,19 @@ def test_tables_by_window_and_by_object_say_the_same(seed):
     assert int((again["object_id"] >= 0).sum()) == count
 
 
+def test_a_zoomed_window_shows_more_and_its_camera_knows(windows):
+    plain = next(iter(windows(count=6, shift=0, visible=0.5)))
+    zoomed = next(iter(windows(count=6, shift=0, visible=0.5, size=24, zoom=0.5)))
+    assert zoomed["rgb"].shape[2:] == (24, 24)
+    torch.testing.assert_close(zoomed["K"][:, 0, 0], plain["K"][:, 0, 0] / 2)
+    for one, two in zip(plain["K"], zoomed["K"], strict=True):  # the same corner
+        torch.testing.assert_close(2 * (two[:2, 2] + 0.5), one[:2, 2] + 0.5, atol=1e-3, rtol=0)
+    for name in ("object_id", "R", "t"):
+        assert torch.equal(plain[name], zoomed[name])
+    means = plain["rgb"].unfold(2, 2, 2).unfold(3, 2, 2).mean((-2, -1))
+    assert float((means - zoomed["rgb"]).abs().mean()) < 0.02
+
+
 def test_left_and_taken_up_again(windows):
     options = {"augment": batches.Augmentation(), "seed": 3}
     whole = list(windows(**options))
@@ -238,6 +251,7 @@ BAD = [
     ({"shift": -0.1}, "shift"),
     ({"shift": np.nan}, "shift"),
     ({"visible": 2}, "visible"),
+    ({"zoom": 0}, "zoom"),
 ]
 
 

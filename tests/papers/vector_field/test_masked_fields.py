@@ -85,6 +85,20 @@ def test_joined() -> None:
             entry += 1
 
 
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**31), st.integers(0, 60))
+def test_on_another_device_they_are_the_same(seed: int, count: int) -> None:
+    fields = MaskedFields(*drawn(seed, count)[1])
+    same = fields.to("cpu")
+    assert same is not fields
+    for name, value in vars(fields).items():
+        assert torch.equal(getattr(same, name), value)
+    away = fields.to("meta")  # a device that has no numbers, only shapes
+    for name, value in vars(away).items():
+        assert value.device.type == "meta" and value.shape == getattr(fields, name).shape
+    assert fields.image.device.type == "cpu" and len(away) == len(fields)
+
+
 def test_a_network_is_looked_at_where_its_masks_are() -> None:
     with seeded(0):
         net = VectorFieldNet(objects=2, keypoints=4, width=4).eval()

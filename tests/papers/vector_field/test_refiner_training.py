@@ -10,11 +10,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from posecore import cameras, metrics, poses
-from posecore.papers.vector_field.masked_fields import MaskedFields
+from posecore.papers.vector_field import refiner_training
+from posecore.papers.vector_field.masked_fields import MaskedFields, look_at
 from posecore.papers.vector_field.models import ObjectModel
+from posecore.papers.vector_field.network import VectorFieldNet
 from posecore.papers.vector_field.refinement import FieldRefiner
 from posecore.papers.vector_field.refiner_training import (
     RefinerTraining,
+    look_at_views,
     perturb,
     pose_loss,
     weights_digest,
@@ -157,7 +160,115 @@ def test_it_is_trained_by_fit() -> None:
     assert np.sum(losses["end"][-15:]) < np.sum(losses["start"][-15:])
 
 
+class Photos:
+    """A dataset of small images, each with both objects."""
+
+    def __init__(self, count: int) -> None:
+        generator = torch.Generator().manual_seed(1)
+        self.rgb = torch.rand(count, 3, 24, 32, generator=generator)
+        self.asked: list[int] = []
+
+    def __len__(self) -> int:
+        return len(self.rgb)
+
+    def frames(self, views, size=None, *, augment=None, generator=None):
+        self.asked += views.tolist()
+        rgb = self.rgb[views]
+        if augment is not None:
+            rgb = (rgb + augment * torch.rand(rgb.shape, generator=generator)).clamp(0, 1)
+        R, t = some_poses(int(views[0]), 2 * len(views))
+        image = torch.arange(len(views))
+        return {
+            "rgb": rgb, "view": views, "K": K.expand(len(views), 3, 3), "R": R, "t": t,
+            "image": image.repeat_interleave(2), "object_id": torch.tensor([3, 5] * len(views)),
+        }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def net() -> VectorFieldNet:
+    with seeded(0):
+        return VectorFieldNet(objects=2, keypoints=len(KEYPOINTS), width=4).eval()
+
+
+def same_fields(one: MaskedFields, other: MaskedFields) -> bool:
+    pairs = zip(vars(one).values(), vars(other).values(), strict=True)
+    return all(torch.equal(a, b) for a, b in pairs)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(1, 20), st.none() | st.integers(1, 25))
+def test_each_view_is_looked_at_once(net: VectorFieldNet, count: int, most: int | None) -> None:
+    photos = Photos(count)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(refiner_training, "uses_bfloat16", lambda *_: False)
+        found = look_at_views(net, photos, most=most)
+    asked, some = photos.asked, count if most is None else most
+    assert asked == sorted(set(asked)) and len(asked) <= some
+    gaps = np.diff([*asked, max(count, asked[-1] + 1)])
+    assert asked[0] == 0 and set(gaps[:-1]) <= {gaps[0]} and gaps[-1] <= gaps[0]
+    if some >= count:
+        assert asked == list(range(count))
+    assert len(found) == -(-len(asked) // 8)
+    for n, (fields, batch) in enumerate(found):
+        views = asked[8 * n : 8 * n + 8]
+        images = photos.rgb[views].contiguous(memory_format=torch.channels_last)
+        assert same_fields(fields, look_at(net, images))
+        assert set(batch) == {"image", "object_id", "R", "t", "K"}
+        assert torch.equal(batch["R"], some_poses(views[0], 2 * len(views))[0])
+    assert len(RefinerTraining(found, MODELS)) == 2 * len(asked)  # it sees both everywhere
+
+
+def test_views_are_varied_by_the_seed_alone(net: VectorFieldNet) -> None:
+    def looks(**options: int) -> MaskedFields:
+        return look_at_views(net, Photos(6), augment=0.5, **options)[0][0]
+
+    first = looks(seed=3)
+    torch.manual_seed(1)
+    assert same_fields(looks(seed=3), first)
+    assert looks(seed=4).counts.tolist() != first.counts.tolist()
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_views_are_looked_at_as_fit_computes(net, monkeypatch, half):
+    asked, seen_on = [], []
+
+    def chosen(*arguments):
+        asked.append(arguments)
+        return half
+
+    def spied(net, images):
+        seen_on.append(torch.is_autocast_enabled("cpu"))
+        assert images.is_contiguous(memory_format=torch.channels_last)
+        return look_at(net, images)
+
+    monkeypatch.setattr(refiner_training, "uses_bfloat16", chosen)
+    monkeypatch.setattr(refiner_training, "look_at", spied)
+    found = look_at_views(net, Photos(9))
+    assert seen_on == [half, half] and len(found) == 2
+    assert asked == [("auto", torch.device("cpu"), net)]
+
+
+def test_images_in_which_nothing_is_seen_are_left_out(net, monkeypatch):
+    calls = []
+
+    def blind(net, images):
+        calls.append(len(images))
+        return look_at(net, images, min_pixels=20 if len(calls) == 2 else 10**6)
+
+    monkeypatch.setattr(refiner_training, "look_at", blind)
+    assert [len(batch["K"]) for _, batch in look_at_views(net, Photos(20))] == [8]
+    assert calls == [8, 8, 4]
+    assert look_at_views(net, Photos(3)) == []
+
+
+def test_a_bar_where_it_is_asked_for(net, capsys):
+    for show, shown in ((False, False), (None, False), (True, True)):
+        look_at_views(net, Photos(2), show=show)
+        assert ("fields" in capsys.readouterr().err) == shown
+
+
 FIELDS, BATCH = seen(0, 2)
+NET = VectorFieldNet(objects=2, keypoints=2, width=4).eval()
 POSE = (torch.eye(3), torch.zeros(3))
 
 
@@ -181,6 +292,9 @@ def training(**options: object) -> RefinerTraining:
             "seen",
         ),
         (lambda: RefinerTraining([(FIELDS, BATCH)], []), "models"),
+        (lambda: look_at_views(NET, Photos(2), most=0), "most"),
+        (lambda: look_at_views(NET, Photos(2), most=1.5), "most"),
+        (lambda: look_at_views(NET, Photos(2), seed=-1), "seed"),
         (lambda: pose_loss(POINTS[:0], *POSE, *POSE, 1.0), "points"),
         (lambda: pose_loss(POINTS, *POSE, POSE[0], np.inf * POSE[1], 1.0), "t_gt"),
     ],
