@@ -53,7 +53,7 @@ draw.map_of_the_book()
 # | 5 | [Learnable rotations](05_learnable_rotations.ipynb) | what numbers a network should say for a rotation |
 # | 6 | Poses as sets | all objects of an image at once |
 # | 7 | Rotation invariance | features that do not change when the object turns |
-# | 8 | [Vector fields](08_vector_fields.ipynb) | PVNet, a loss in pixels, and knowing when to refine (begun; training and claims to follow) |
+# | 8 | [Vector fields](08_vector_fields.ipynb) | PVNet, a loss in pixels, and knowing when to refine |
 # | 9 | Colour-aware refinement | DenseFusion, improved step by step |
 # | 10 | The arena | every method on one test |
 #

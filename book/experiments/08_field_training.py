@@ -32,6 +32,7 @@ __all__ = [
     "camera",
     "frames",
     "models",
+    "most",
     "new_net",
     "pool",
     "stack",
@@ -81,23 +82,28 @@ def camera(split: str, view: int) -> np.ndarray:
 
 def width() -> int:
     """Channels of the first layer, at the scale in force; the paper's ResNet-18 has 64."""
-    return choose(tiny=8, book=16, paper=64)
+    return choose(tiny=8, book=64, paper=64)
+
+
+def most() -> int | None:
+    """Channels of the last layers at most; the paper's ResNet-18 has 512."""
+    return choose(tiny=None, book=72, paper=None)
 
 
 def new_net(seed: int = 0) -> VectorFieldNet:
     """The network of the scale in force, with its first weights."""
     with seeded(seed):
-        return VectorFieldNet(len(OBJECTS), width=width())
+        return VectorFieldNet(len(OBJECTS), width=width(), most=most())
 
 
 @lru_cache(maxsize=1)
 def pool() -> Pool:
-    """The windows of every training: each object that is seen in `train` about eight times."""
+    """The windows of every training: each object that is seen in `train` about 16 times."""
     count = choose(tiny=4, book=64, paper=64)
     windows = Windows(
         stack("train"),
         models(),
-        steps=choose(tiny=16, book=350, paper=4000),
+        steps=choose(tiny=16, book=700, paper=4000),
         count=count,
         size=choose(tiny=64, book=64, paper=256),
         seed=0,

@@ -30,7 +30,8 @@ class Plan:
     """The sizes of a scale.
 
     Attributes:
-        width, refiner_width: of the networks.
+        width, most: of the network of the field.
+        refiner_width: of the refiner.
         window: (width, height) in pixels of what is trained on, at most the whole image.
         batch, refiner_batch: windows, and objects, in a step.
         pixels: of each object in a window that the loss looks at; None for all.
@@ -48,6 +49,7 @@ class Plan:
     """
 
     width: int
+    most: int | None = None
     window: tuple[int, int]
     batch: int
     pixels: int | None = 256
@@ -81,7 +83,7 @@ PLANS = {
         refiner_width=4, refiner_batch=8, refiner_steps=20,
     ),
     "book": Plan(
-        width=16, window=(96, 96), batch=32, looks=8, steps=9000, lr=8e-3, **SMALL,
+        width=64, most=72, window=(96, 96), batch=32, looks=8, steps=9000, lr=8e-3, **SMALL,
         refiner_width=16, refiner_steps=2000,
     ),
     # The paper and PVNet, whose refiner is trained "until the training loss converges".

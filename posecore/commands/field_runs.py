@@ -39,19 +39,22 @@ class Run:
     Attributes:
         path: of the folder.
         options: of the command that began it, by name.
-        width, refiner_width: of the networks; None for no refiner.
+        width, most: of the network of the field.
+        refiner_width: None for no refiner.
         models: of the objects.
     """
 
     path: Path
     options: Mapping[str, Any]
     width: int
+    most: int | None
     refiner_width: int | None
     models: list[ObjectModel]
 
     def new_net(self) -> VectorFieldNet:
         """The network of the field, untrained."""
-        return VectorFieldNet(len(self.models), len(self.models[0].keypoints), self.width)
+        keypoints = len(self.models[0].keypoints)
+        return VectorFieldNet(len(self.models), keypoints, self.width, self.most)
 
     def new_refiner(self) -> FieldRefiner:
         """The refiner, untrained.
@@ -136,7 +139,7 @@ def read_run(path: str | Path) -> Run:
         if content["method"] != METHOD:
             fail("method", METHOD, content["method"])
         models = require_models([ObjectModel(**entry) for entry in content["models"]])
-        run = Run(Path(path), dict(content["options"]), content["width"],
+        run = Run(Path(path), dict(content["options"]), content["width"], content["most"],
                   content["refiner_width"], models)  # fmt: skip
         run.new_net()
         if run.refiner_width is not None:

@@ -127,7 +127,8 @@ def _prepare(options: argparse.Namespace) -> _Task:
         run.require_options(asked)
     else:
         models = object_models(known, objects)
-        run = Run(path, asked, plan.width, plan.refiner_width if refiner_steps else None, models)
+        refiner_width = plan.refiner_width if refiner_steps else None
+        run = Run(path, asked, plan.width, plan.most, refiner_width, models)
     return _Task(plan, run, data, device, processes, first)
 
 

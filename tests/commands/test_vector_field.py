@@ -82,7 +82,8 @@ def contents(run, names=("run.json", *WEIGHTS)):
 
 def test_the_papers_numbers():
     paper, varied = PLANS["paper"], Augmentation()
-    assert (paper.width, paper.window, paper.batch) == (64, (640, 480), 32)
+    assert (paper.width, paper.most) == (64, None)
+    assert (paper.window, paper.batch) == ((640, 480), 32)
     assert (paper.lr, paper.epochs, paper.steps) == (1e-4, 200, None)
     assert (paper.optimiser, paper.looks, paper.pixels, paper.augment) == (ADAM, None, None, varied)
     assert (paper.begin, paper.forward_only) == (0, False)
@@ -98,7 +99,8 @@ def test_the_papers_numbers():
 def test_the_books_numbers_are_those_of_its_experiments(monkeypatch):
     monkeypatch.setenv("POSECORE_SCALE", "book")
     book, chapter = PLANS["book"], importlib.import_module("book.experiments.08_field_training")
-    assert (book.width, book.augment) == (chapter.width(), chapter.VARIED)
+    sizes = chapter.width(), chapter.most()
+    assert (book.width, book.most, book.augment) == (*sizes, chapter.VARIED)
     assert (book.window, book.batch, book.steps, book.looks) == ((96, 96), 32, 9000, 8)
     assert (book.visible, book.shift, book.pixels) == (0.15, 0.22, 256)
     assert (book.optimiser, book.lr, book.schedule) == (Muon, 8e-3, "cosine")
@@ -515,6 +517,7 @@ def of_another(path):
         ("run.json", change(models=[]), "run.json: damaged"),
         ("run.json", change(models=[{"object_id": 1}]), "run.json: damaged"),
         ("run.json", change(width="8"), "run.json: damaged"),
+        ("run.json", change(most=4), "run.json: damaged"),
         ("run.json", change(width=16), "net.safetensors: expected the weights of this run"),
         ("run.json", change(refiner_width=8), "refiner.safetensors: expected the weights"),
         ("run.json", change(method="other"), "run.json: damaged"),

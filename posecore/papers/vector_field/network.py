@@ -32,9 +32,10 @@ class VectorFieldNet(nn.Module):
     Args:
         objects: how many the network knows.
         keypoints: how many directions each pixel says, for each object.
-        width: of the ResNet; all else follows it, but the decoder's maps keep the paper's 64, the
-            last two its 32 channels at least: what all keypoints of all objects need has to go
-            through, however narrow the ResNet. It costs next to nothing.
+        width: of the ResNet. The decoder follows it, but its maps keep the paper's 64, the last two
+            its 32 channels at least: what all keypoints of all objects need has to go through,
+            however narrow the ResNet. It costs next to nothing.
+        most: channels of the ResNet's later stages, as `ResNet` has it.
 
     Attributes:
         channels: of the last maps.
@@ -43,17 +44,20 @@ class VectorFieldNet(nn.Module):
         ValueError: if an argument is out of range.
     """
 
-    def __init__(self, objects: int = 1, keypoints: int = 9, width: int = 64) -> None:
+    def __init__(
+        self, objects: int = 1, keypoints: int = 9, width: int = 64, most: int | None = None
+    ) -> None:
         super().__init__()
         self.objects = require_integer("objects", objects, 1)
         self.keypoints = require_integer("keypoints", keypoints, 1)
-        self.backbone = ResNet(width, stride=8)
-        self.channels = fine = max(width // 2, 32)
-        decoder = [max(channels, 64) for channels in (4 * width, 2 * width, width)]
-        self.coarse = _Layer(8 * width, decoder[0])
-        self.stride8 = _Layer(decoder[0], decoder[1], beside=2 * width)
-        self.stride4 = _Layer(decoder[1], decoder[2], beside=width)
-        self.stride2 = _Layer(decoder[2], fine, beside=width)
+        self.backbone = ResNet(width, stride=8, most=most)
+        stem, layer1, layer2, layer3, layer4 = self.backbone.channels
+        coarse, middle, late = (max(channels // 2, 64) for channels in (layer4, layer3, layer2))
+        self.channels = fine = max(stem // 2, 32)
+        self.coarse = _Layer(layer4, coarse)
+        self.stride8 = _Layer(coarse, middle, beside=layer2)
+        self.stride4 = _Layer(middle, late, beside=layer1)
+        self.stride2 = _Layer(late, fine, beside=stem)
         self.stride1 = _Layer(fine, fine, beside=3)
         self.mask_layer = nn.Linear(fine, 1 + objects)
         self.vector_layer = nn.Linear(fine, objects * keypoints * 2)
