@@ -54,9 +54,9 @@ draw.question(crowd, behind.mask, behind.full_mask, hidden)
 # | 7 | from a picture to poses | `systems` |
 # | 8 | a refiner, and the rule when to let it | `refinement`, `nets.pose_refiner` |
 # | 9 | what goes right and wrong, and why | `metrics` |
-# | 10 | the paper's claims, measured | the book's ledger |
+# | 10 | the paper's claims, and how to measure them | the book's ledger |
 #
-# You need chapter 1's cameras and PnP. Everything on this page runs in a few minutes.
+# You need chapter 1's cameras, PnP, ADD and ADD-S. Everything on this page runs in a few minutes.
 
 # %%
 torch.set_num_threads(2)
@@ -866,7 +866,8 @@ assert abs(of_arrow - of_unit) < 1e-5 and np.isclose(of_far, 50**2 * of_unit)
 # %% [markdown]
 # ### What a larger gradient is good for
 #
-# Is louder better? PVNet is trained with Adam, and so is ours. Adam divides each gradient by its
+# Is louder better? PVNet is trained with Adam, and so is the paper's network. (Ours is not: section
+# 6.) Adam divides each gradient by its
 # own usual size. Multiply a loss by a thousand:
 
 
@@ -896,8 +897,8 @@ near_slope, far_slope = (slopes(projection_loss, g, small)[0] for g in (far / 10
 assert np.isclose(far_slope, 100 * near_slope)
 
 # %% [markdown]
-# How far are keypoints in our pictures? Cut windows around objects 1, 3 and 5 of `tabletop`, as the
-# training does, and take the library's targets for all their pixels:
+# How far are keypoints in our pictures? Cut windows around objects 1, 3 and 5 of `tabletop`, a duck,
+# a vase and a teapot, and take the library's targets for all their pixels:
 
 # %%
 from data_tools import batches
@@ -1214,7 +1215,8 @@ layers.hourglass(sizes, skips)
 # | `stride1` | doubled, with the image: 3x3 | 32 | 640 x 480 |
 # | outputs | 1x1 | 2 and 18 | 640 x 480 |
 #
-# On this page the network is narrower, and is trained on small windows:
+# On this page the network keeps the first layers, which see the details, and has few channels in the
+# later ones, where most of the weights are. And it is trained on small windows:
 
 # %%
 channels = [3, 64, 64, 128, 256, 512, 256, 128, 64, 32, 32]
@@ -1222,8 +1224,8 @@ strides = [1, 2, 4, 8, 8, 8, 8, 8, 4, 2, 1]
 table = zip(channels, strides, strict=True)
 assert list(sizes.values()) == [(c, 480 // s, 640 // s) for c, s in table]
 
-width = choose(tiny=8, book=16, paper=64)
-net = network.VectorFieldNet(objects=3, width=width)
+width, most = choose(tiny=(8, None), book=(64, 72), paper=(64, None))
+net = network.VectorFieldNet(objects=3, width=width, most=most)
 for name, (c, h, w) in sizes_of(net, side, side).items():
     print(f"{name:8}{c:4} channels, {w} x {h}")
 for where, one in (("paper", paper), ("here", net)):
@@ -1332,7 +1334,7 @@ layers.seen_squares(frame, (columns.mean(), rows.mean()), squares)
 # %%
 counts = {}
 for objects in (1, 2, 3):
-    one = network.VectorFieldNet(objects, width=width)
+    one = network.VectorFieldNet(objects, width=width, most=most)
     counts[objects] = sum(x.numel() for x in one.parameters())
     outputs = one.mask_layer.out_features + one.vector_layer.out_features
     print(f"objects: {objects}, numbers a pixel: {outputs}, weights: {counts[objects]:,}")
@@ -1403,7 +1405,7 @@ for name, loss in (
 assert seconds(lambda: gathered(some)) < seconds(everywhere)
 
 # %% [markdown]
-# (This is one loss of two, and the narrow network of this page.) What a training step costs should
+# (This is one loss of two, and the small network of this page.) What a training step costs should
 # be the network. Now it is.
 
 # %% [markdown]
@@ -1633,11 +1635,12 @@ assert np.allclose(asked, asked[0], atol=0.1)
 # %% [markdown]
 # ### Half a minute of training
 #
-# Watch one learn. It begins with random weights, at a rate that falls to zero; the loss is that of
-# section 3, with arrows that point away left out, computed at 256 pixels of each object. Cutting a
+# Watch one learn. It begins with random weights, at a rate that falls to zero. The loss is that of
+# section 3: the projection loss comes in after 15 % of the steps, and arrows that point away are
+# left out of it. It is computed at 256 pixels of each object. Cutting a
 # window takes as long as learning from it, so they are cut once and drawn many times. The optimiser
 # is not the paper's Adam but Muon, which takes a kernel's gradient as a matrix and steps along all
-# of its singular vectors alike: here it needs less than half of the steps.
+# of its singular vectors alike: in our trials it needed less than half of the steps.
 #
 # To spare you the wait for two thousand training pictures, it learns from the pictures of `easy`.
 # So look at it elsewhere: at the least hidden teapot of `occluded`, on a table that it has not
@@ -1649,7 +1652,7 @@ def look(net, whole):
     """The teapot's mask (H, W), and what is said everywhere to the tip and to the middle."""
     with torch.no_grad():
         said = net(whole["rgb"])
-    mask = said.mask[0].argmax(0) == 1 + 2  # background, duck, vase, teapot
+    mask = said.mask[0].argmax(0) == 1 + 2  # background, drill, vase, teapot
     return mask.numpy(), said.vectors[0, 2, [0, 8]].permute(2, 3, 0, 1).numpy()  # (H, W, 2, 2)
 
 
@@ -1662,12 +1665,13 @@ true_mask = (whole["instance"][0] == slot).numpy()
 R, t, K = (whole[key][i].double().numpy() for key, i in (("R", slot), ("t", slot), ("K", 0)))
 
 # %%
-from posecore.training import fit, seeded
+from posecore.training import fit
 from posecore.training.muon import Muon
 
 steps, count = choose(tiny=20, book=300, paper=300), choose(tiny=4, book=16, paper=16)
-with seeded(1):
-    trial = network.VectorFieldNet(3, width=training.width())
+trial = training.new_net(seed=1)
+
+# %%
 stages = {"at first": look(trial.eval(), whole)}
 history = fit(
     trial,
@@ -1684,9 +1688,11 @@ history = fit(
 # %% [markdown]
 # The **mask** is learnt first: colours tell it. The arrows (**vectors**) take longer. Zero arrows
 # would have a loss of about a quarter, so look at how far below that they are. And what their lines
-# miss by (**projection**, before it is weighed, about in pixels) takes longest.
+# miss by (**projection**, before it is weighed, about in pixels) takes longest. The sum of all
+# (**loss**) hardly falls after step 45, and that is no failure: there the projection loss comes in,
+# and its weight grows fivefold. Look at the parts.
 #
-# The network that the book ships had more time: all 2000 pictures of `train`, 14 000 steps, and 32
+# The network that the book ships had more time: all 2000 pictures of `train`, 13 000 steps, and 32
 # windows a step. Where its file is not at hand, or at another scale, it is trained here.
 
 # %%
@@ -1720,12 +1726,14 @@ looks.learnt(rgb, true_mask, stages, ("to the tip", "to the middle"))
 
 # %% [markdown]
 # (The mask's number is its overlap with the true one, intersection over union; the arrows' is their
-# median error. Arrows that know nothing are off by 90 degrees. The vote wants them within 8.)
+# median error. Arrows that know nothing are off by 90 degrees on average, and may be lucky on one
+# picture. The vote wants them within 8: of the shipped network's half are not that good here. What
+# they agree on counts.)
 #
-# After half a minute the network knows where the teapot is: its colours tell. Of where to point it
-# knows little. A field may lie right by luck, as one that says "to the right" everywhere does where
-# the tip is on the right. Fields that bend around their keypoint are what the rest of the training
-# goes into: for them the network must know how the teapot is turned.
+# After half a minute the network knows where the teapot is, and where its middle is: the outline
+# tells. The tip is another matter, as for it the network must know how the teapot is turned. The
+# rest of the training goes into that. (This is one picture, and an odd one: here the field to the
+# middle is better after half a minute than that of the network that is shipped.)
 
 # %% [markdown]
 # ## 7. From a picture to a pose
@@ -1758,11 +1766,15 @@ if scale() == "book":
 looks.seen(rgb, label.numpy(), names, mask.numpy(), tip, x[0])
 
 # %% [markdown]
+# Look at the truck, too. A few of its pixels are taken for a teapot, and others for a vase. The vote
+# will shrug them off: they are few.
+#
 # Arrows waver here and there, most of all close to the keypoint and at the border. The vote does
-# not mind.
+# not mind. (It ends with least squares of angles, the cure of section 1. With PVNet's, of lines,
+# fewer poses are right in what follows.)
 
 # %%
-votes = voting.vote(mask[None], said.vectors[0, 2:])  # of one object
+votes = voting.vote(mask[None], said.vectors[0, 2:], fit="angles")  # of one object
 points, Sigma = (part[0].double().numpy() for part in (votes.points, votes.covariances))
 off = np.linalg.norm(points - x, axis=-1)
 long = np.sqrt(np.linalg.eigvalsh(Sigma)[:, 1])
@@ -1775,10 +1787,14 @@ if scale() == "book":
 looks.clouds(rgb, mask.numpy(), x, points, Sigma, good)
 
 # %% [markdown]
+# Section 1 had keypoints well within their ellipses. Here some are off by more than theirs. There,
+# pixels erred each by itself; a network's neighbours err alike (section 5), and then crossings agree
+# on a wrong place.
+#
 # ### PnP, with and without the covariance
 #
-# Section 5's two: chapter 1's PnP, which trusts all pixels alike, and the one that weighs each with
-# the covariance of its vote.
+# Section 5's two: chapter 1's PnP, which trusts all keypoints alike, and the one that weighs each
+# with the covariance of its votes.
 
 
 # %%
@@ -1814,26 +1830,38 @@ for name, pose in by_hand.items():
 
 # %% [markdown]
 # ADD is the mean distance of the model's points from where they should be; below 10 % of the
-# diameter a pose counts as right. The library has all of these steps as a **system**. The paper
+# diameter a pose counts as right. For the vase it is ADD-S: each point is compared with the nearest
+# one, so a turn about the axis costs nothing. The library has all of these steps as a **system**. The paper
 # calls the one without refiner OPEPL, for "object pose estimation incorporating projection loss".
 
 # %%
 from posecore.papers.vector_field.masked_fields import look_at
 from posecore.papers.vector_field.systems import VectorFieldSystem
 
-opepl = VectorFieldSystem.named("OPEPL", net, three)
+opepl = VectorFieldSystem.named("OPEPL", net, three, fit="angles")
 seen = look_at(net, first["rgb"])  # masks, and arrows at their pixels only
 estimates = opepl.estimate_fields(seen, first["K"])
 for estimate in estimates:
     if estimate.object_id == 5 and by_hand["weighed"] is not None and estimate.score > 0:
         assert np.allclose(estimate.R, by_hand["weighed"][0], atol=1e-4)
         assert np.allclose(estimate.t, by_hand["weighed"][1], atol=1e-4)
+
+# %%
 model_of = {model.object_id: model for model in three}
 drawn = [(model_of[one.object_id], (one.R, one.t)) for one in estimates]
+for one in estimates:
+    there = "is there" if one.object_id in first["object_id"] else "is not there"
+    name = names[three.index(model_of[one.object_id])]
+    print(f"{name}: score {one.score:.2f}; it {there}")
 known = ", ".join(names[three.index(model)] for model, _ in drawn) or "nothing"
 looks.pose(rgb, K, drawn, f"Boxes are around what was found: {known}.")
 
 # %% [markdown]
+# There is no vase. A few pixels of the truck were taken for one, and PnP fits a pose to any nine
+# points. Whoever uses such a system has to ask for a least score: the mean probability of the mask
+# times the share of its pixels that point at the keypoints. What is found but is not there does not
+# count in what follows.
+#
 # One picture proves nothing. Here are all objects of the `easy` pictures. How often does either
 # PnP get it right, and what is a typical error?
 
@@ -1870,11 +1898,12 @@ for name, pair in pairs.items():
     middle = np.median([outcome.add for outcome in done])
     print(f"{name:10} right {outcomes.recall(done):.1f} %, median ADD(-S) {middle:.1%}")
 if scale() == "book":
-    assert outcomes.recall(done) > 60
+    assert outcomes.recall(done) > 50
 
 # %% [markdown]
-# What is not found counts as wrong, and objects of which less than a tenth is seen are left out.
-# Section 10 has the difference of the two with its spread over trainings.
+# What is not found counts as wrong, and objects of which less than a tenth is seen are left out. The
+# percentage is that of each of the three, and then their mean. For this network the weights gain
+# nothing. One network cannot settle it: the claims of section 10 compare three.
 #
 # ### Several objects at once
 #
@@ -1911,16 +1940,18 @@ paper_fps = {1: 24, 2: 22, 3: 20}  # Table 4
 total = {}
 print("objects   network  voting     PnP   in all    a second   paper")
 for n in (1, 2, 3):
-    part = VectorFieldSystem.named("OPEPL", speed.part_of(net, n), three[:n])
+    part = VectorFieldSystem.named("OPEPL", speed.part_of(net, n), three[:n], fit="angles")
     total[n], *each = np.median(timed(part), axis=0)
     each = "".join(f"{value:8.1f}" for value in each[:3])
     print(f"{n:7} {each} {total[n]:8.1f} {1000 / total[n]:9.0f} {paper_fps[n]:8}")
     assert part.net.mask_layer.out_features == 1 + n and len(part.models) == n
 
 # %% [markdown]
-# The paper's frames are larger, and its GPU is faster than this processor, so compare rows and not
-# columns: from one object to three the paper loses a sixth of its speed. Where the network takes
-# most of the time, so do we; where it is small, the votes show.
+# The paper's frames are larger, and its GPU is faster than this processor, so look down each column,
+# not across: from one object to three the paper loses a sixth of its speed, we about a third. The
+# network hardly notices a third object, as the paper says. But it is small here, and so are the
+# pictures, and with three objects votes and PnP, one object after the other, are about half of the
+# time.
 
 # %% [markdown]
 # ## 8. A second look
@@ -1929,7 +1960,7 @@ for n in (1, 2, 3):
 #
 # We have a pose. From a pose follows where the keypoints should be in the picture, and so what
 # every arrow should say. The network said something a little different. The difference is evidence.
-# Let the teapot's pose be wrong, turned by 12 degrees and a little too far to the right, and look.
+# Let the teapot's pose be wrong, turned by 12 degrees and a little too far to the right, up and away.
 
 # %%
 from posecore import rotations
@@ -1953,7 +1984,7 @@ print(f"ADD {off_by(teapot_model, wrong, truth):.1%} of the diameter")
 y, x_pixel = mask.nonzero(as_tuple=True)
 image = torch.zeros(len(y), dtype=torch.long)
 arrows = said.vectors[0, 2, :, :, y, x_pixel].permute(2, 0, 1)  # (P, 9, 2)
-field_here = MaskedFields(image, y, x_pixel, image + 2, arrows)  # object 2, the teapot
+field_here = MaskedFields(image, y, x_pixel, image + 2, arrows)  # of image 0, object 2
 
 
 def compare(R, t):
@@ -1975,8 +2006,8 @@ ends = np.stack([x[0], fields.project_keypoints(teapot_model.keypoints, *wrong, 
 looks.residuals(rgb, mask.numpy(), pixels, inside, arrows[:, 0], expected[:, 0], ends)
 
 # %% [markdown]
-# The black differences are not random. On one side they point one way, on the other side another
-# way: a picture of the turn that is missing. A **refiner** reads it. It is DenseFusion's, without
+# The black differences, five times as long as they are, are not random: neighbours agree. They are
+# a picture of the turn and of the shift that are missing. A **refiner** reads it. It is DenseFusion's, without
 # the depth: for each point its place and its differences, two small networks for the two, a mean
 # over all points, and from that a quaternion $q$ and three numbers $(d_x, d_y, s)$.
 #
@@ -1997,7 +2028,7 @@ looks.residuals(rgb, mask.numpy(), pixels, inside, arrows[:, 0], expected[:, 0],
 def correct(R, t):
     """One correction of a pose."""
     pixels, inside, said, expected = compare(R, t)
-    differ = np.where(inside[:, None, None], said - expected, 0) / refinement.RESIDUAL
+    differ = np.where(inside[:, None, None], said - expected, 0) / refinement.RESIDUAL  # about 1
     known = np.concatenate([differ.reshape(len(pixels), -1), inside[:, None]], -1)
     there = (teapot_points - centre) @ R.T / teapot_model.diameter
     with torch.no_grad():
@@ -2012,21 +2043,23 @@ def correct(R, t):
 
 # %%
 once = correct(*wrong)
+twice = correct(*once)
 tensors = [torch.from_numpy(part)[None] for part in (*wrong, K)]
 entry = torch.tensor([0])
 with torch.no_grad():
     steps_of_two = refiner(entry + 2, *tensors, lambda pixels: field_here.at(entry, pixels))
-assert np.allclose(once[0], steps_of_two[0][0][0], atol=1e-5)
-assert np.allclose(once[1], steps_of_two[0][1][0], atol=1e-5)
+for by_hand_now, (R_library, t_library) in zip((once, twice), steps_of_two, strict=True):
+    assert np.allclose(by_hand_now[0], R_library[0], atol=1e-4)
+    assert np.allclose(by_hand_now[1], t_library[0], atol=1e-4)
 
-chain = {"wrong": wrong, "once": once, "twice": correct(*once)}
+chain = {"wrong": wrong, "once": once, "twice": twice}
 for name, pose in chain.items():
     print(f"{name:6} ADD {off_by(teapot_model, pose, truth):6.1%} of the diameter")
 
 # %% [markdown]
 # It was trained on what the network says of the pictures of `train`, and on true poses that were
-# made wrong by up to 20 degrees. So it can mend a bad pose. Is that of any use? Most of PnP's poses
-# are not wrong by that much. And both see the same arrows.
+# made wrong by up to 20 degrees. So it makes a bad pose better. Is that of any use? PnP's poses are
+# wrong in another way, mostly along the ray (section 9), and both see the same arrows.
 #
 # ### When not to refine
 #
@@ -2036,7 +2069,7 @@ for name, pose in chain.items():
 #
 # So there are three systems: **OPEPL** never refines, **OPEPL-R** always does, and **OPEPL-DR**
 # ("discriminative") does where the overlap is large. In the library the overlap is the share of the
-# model's points that fall into the mask:
+# model's points that fall into the mask, and the threshold here is 0.8:
 
 
 # %%
@@ -2058,7 +2091,7 @@ assert np.isclose(hit.mean(), library)
 # refinement, `first`, and with the overlap.
 
 # %%
-opepl_r = VectorFieldSystem.named("OPEPL-R", net, three, refiner)
+opepl_r = VectorFieldSystem.named("OPEPL-R", net, three, refiner, fit="angles")
 refined = {split: comparison.run(opepl_r, split) for split in comparison.SPLITS}
 systems = {
     "OPEPL": lambda one: one.first,
@@ -2072,9 +2105,9 @@ for name, chosen in systems.items():
         results[name, split] = judged(split, picked)
 
 # %%
-discriminative = VectorFieldSystem.named("OPEPL-DR", net, three, refiner)
+discriminative = VectorFieldSystem.named("OPEPL-DR", net, three, refiner, fit="angles")
 for one in discriminative.estimate(first["rgb"], first["K"]):
-    assert one.refined == (one.overlap > 0.8)
+    assert one.refined == (one.overlap > comparison.THRESHOLD)
 
 print(f"{'':10}{'easy':>8}{'occluded':>10}   right, %")
 for name in systems:
@@ -2083,10 +2116,12 @@ for name in systems:
     )
     print(f"{name:10}{easy_right:8.1f}{hard_right:10.1f}")
 for split, estimates in refined.items():
-    large = np.mean([one.overlap > 0.8 for one in estimates.values()] or [0])
+    large = np.mean([one.overlap > comparison.THRESHOLD for one in estimates.values()] or [0])
     print(f"{split}: OPEPL-DR refines {large:.0%}")
 
 # %% [markdown]
+# So this refiner is of use, on `easy` more than on `occluded`.
+#
 # Two pictures of the rule, as the paper's Figure 6 has one. Which two is also a rule: in the
 # `occluded` pictures, the objects that are right with the largest and with the smallest overlap.
 
@@ -2115,28 +2150,29 @@ for key in [right[-1], right[0]] if right else []:
     name, row = names[training.OBJECTS.index(key[1])], rows_of("occluded")[key]
     title = f"{name}, overlap {found[key].overlap:.0%}"
     cases[title] = overlapping(*key)
-    truth = crowds.R[row].numpy(), crowds.t[row].numpy(), training.camera("occluded", key[0])
-    hit = share_inside(model_of[key[1]].points, *truth, cases[title][1])
+    true_pose = crowds.R[row].numpy(), crowds.t[row].numpy()
+    K_here = training.camera("occluded", key[0])
+    hit = share_inside(model_of[key[1]].points, *true_pose, K_here, cases[title][1])
     print(f"{title}; with the true pose it would be {hit.mean():.0%}")
 if cases:
     looks.shares(cases).show()
 
 # %% [markdown]
-# On the right the pose is right, too. What is missing is hidden: even of the *true* pose no more
-# points than these would fall into the mask. So the overlap is small for two reasons, a wrong pose
+# On the right the pose is right, too. What is missing is hidden: even of the *true* pose hardly
+# more points would fall into the mask. So the overlap is small for two reasons, a wrong pose
 # and a thing in front, and the rule makes no difference between them.
 #
 # Is it a good rule? Here are all objects that were found, easy and occluded, before and after
 # refining. Dotted lines are at 10 %, where right ends.
 
 # %%
-both = [
+changes = [
     (results["OPEPL", split][key].add, results["OPEPL-R", split][key].add, one.overlap)
     for split, estimates in refined.items()
     for key, one in estimates.items()
     if key in results["OPEPL", split]
 ]
-before, after, overlaps = np.array(both or [[1.0, 1.0, 0.0]]).T
+before, after, overlaps = np.array(changes or [[1.0, 1.0, 0.0]]).T
 for name, some in (("above 0.8", overlaps > 0.8), ("0.8 and less", overlaps <= 0.8)):
     better, number = (after < before)[some].sum(), some.sum()
     won = ((before >= 0.1) & (after < 0.1))[some].sum()
@@ -2145,6 +2181,10 @@ for name, some in (("above 0.8", overlaps > 0.8), ("0.8 and less", overlaps <= 0
 charts.mended(before, after, overlaps, 0.8)
 
 # %% [markdown]
+# Where the overlap is large most get better, and hardly one that was right becomes wrong. Where it is
+# small about as many get worse as better. That fits what the paper says. But what becomes right
+# there the rule loses, too.
+#
 # The paper does not give the threshold. From 0, which is OPEPL-R, to 1, which is OPEPL:
 
 # %%
@@ -2156,18 +2196,21 @@ for split, estimates in refined.items():
         large = {key for key, one in estimates.items() if one.overlap > level}
         mixed = [a if key in large else n for (key, n), (_, a) in zip(never, always, strict=True)]
         shares.setdefault(split, []).append(outcomes.recall(mixed))
+    assert np.isclose(shares[split][-1], outcomes.recall([one for _, one in never]))
 shares = {split: np.array(values) for split, values in shares.items()}
-assert np.isclose(shares["easy"][-1], outcomes.recall([o for _, o in never])) or len(shares) > 1
 charts.thresholds(at, shares, 0.8)
 
 # %% [markdown]
-# (Do not choose a threshold by this figure: it is drawn from the pictures that test it.)
+# Mind how few objects a point is: one of a hundred of each. Between 0 and 0.8 the curves move by less
+# than that could tell apart. (Do not choose a threshold by this figure: it is drawn from the pictures that
+# test it.)
 #
 # ## 9. Good, bad and ugly
 #
 # Pictures in papers are chosen. Here is a rule: of each split the best, the median and the worst
-# pose of OPEPL-DR by ADD, of symmetric objects ADD-S, and the first object that was missed. Blue is
-# the truth, orange the estimate.
+# pose of OPEPL-DR by ADD, of symmetric objects ADD-S, and the first object that was missed, if one
+# was. Blue is the truth, orange the estimate. (The vase's boxes may be turned against each other about its axis:
+# that is no error.)
 
 
 # %%
@@ -2224,11 +2267,17 @@ if scale() == "book":
 charts.by_visibility(comparison.BINS, lines, counts)
 
 # %% [markdown]
+# (Marks are moved sideways to be seen; below each group is the number of its objects.) Of objects of
+# which less than 60 % is seen, hardly any is right. The refiner gains most in the last group, where
+# next to nothing is hidden.
+
+# %% [markdown]
 # ### Which object fails, and why?
 #
 # A pose may be wrong along the ray, nearer or farther than the truth, or across it. One camera sees
 # these two very differently. An object of width $w$ at depth $z$ is $f w / z$ pixels wide. To be a
-# tenth of its diameter nearer, it must look larger by how many?
+# tenth of its diameter nearer, it must look larger by how many? If $z$ changes by $\Delta z$, the
+# width changes by $(f w / z) \cdot \Delta z / z$. Put $\Delta z = d / 10$, and $d$ for the width.
 
 
 # %%
@@ -2259,18 +2308,19 @@ for split in comparison.SPLITS:
             assert middle[0] > middle[1]
 
 # %% [markdown]
-# The last columns say why. To see a tenth of its diameter in depth, an object has to be measured in
-# the picture to few pixels, fewer the smaller it is: so most of what is wrong is wrong **along**
-# the ray. Across it, a pixel is only a pixel. And the vase counts by ADD-S, which asks for less:
-# any of its poses will do, and each point is compared with the nearest one.
+# The last column says why. A tenth of the diameter in depth is about two pixels of width, in the
+# network's pictures of 224 x 168. Across the ray, two pixels are 3 % of the diameter. So most of
+# what is wrong is wrong **along** the ray. The vase fares best though its pixels are fewest: it
+# counts by ADD-S, any of its poses will do, and each point is compared with the nearest one.
 
 # %% [markdown]
 # ## 10. What the paper claims and what we measured
 #
 # Each network is trained three times, from other weights and on other windows, with the same number
-# of steps; each pair of sides sees the same windows. `python book/make.py claims 08` does it. What
-# the ledger does not have yet is not shown. Crosses are the paper's numbers: other objects, real
-# pictures.
+# of steps; each pair of sides sees the same windows. `python book/make.py claims 08` does it. It
+# takes more than an hour and has not been done yet: what is missing is not drawn, and what sections
+# 7 to 9 print comes from one network and one refiner. (In the figures crosses are the paper's
+# numbers: other objects, real pictures.)
 
 # %%
 from posecore.book.claims import ledger_table
@@ -2291,8 +2341,9 @@ else:
     print("losses: not measured over seeds yet")
 
 # %% [markdown]
-# `none` is PVNet's loss alone, `pixel` the paper's, `unit` the same with unit vectors, `constant`
-# with a weight of 0.05 from the beginning. A line is the mean of the seeds.
+# `none` is PVNet's loss alone, `pixel` with the projection loss as section 3 mends it, `printed` as
+# the paper prints it, `unit` with unit vectors, `constant` with a weight of 0.05 from the
+# beginning. A line is the mean of the seeds.
 
 # %%
 if of_systems:
@@ -2316,9 +2367,8 @@ ledger_table(rows)
 
 # %% [markdown]
 # Mind what each row can say. A network that is wrong by a few per cent more or less on three
-# objects of a small world is not LINEMOD. But where the paper's difference is one point, and our
-# seeds differ by several, then one training of each side, as papers have it, could not have told
-# which is better.
+# objects of a small world is not LINEMOD. And where a difference is one point and seeds differ by
+# several, one training of each side, as papers have it, cannot tell which is better.
 
 # %% [markdown]
 # ## Reading the paper closely

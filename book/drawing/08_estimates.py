@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
@@ -90,8 +91,8 @@ def learnt(
         1.75 * len(stages),
         1.75 * (1 + len(ends)),
         "Above, a teapot with the outline of what a network takes for it; below, its pixels "
-        f"coloured by the direction that the network says, {', '.join(ends)}, with arrows. From "
-        f"left to right all become more like the truth. {said}.",
+        f"coloured by the direction that the network says, {', '.join(ends)}, with arrows. The "
+        f"last column is the truth. {said}.",
         "",
     )
     panels = figure.subplots(1 + len(ends), len(stages))
@@ -176,16 +177,19 @@ def clouds(
         "",
     )
     axes = figure.subplots()
-    box = window(mask, x, 0.22)
+    box = window(_largest(mask), x, 0.22)
     show_crop(axes, rgb, box, pale=0.5)
     draw_outline(axes, mask, colour="0.45", style="--")
     for k, cloud in enumerate(hypotheses):
         point, covariance = points[k], covariances[k]
-        axes.plot(*cloud.T, ".", color=COLOURS[0], ms=2.5, antialiased=False)
+        axes.plot(*cloud.T, ".", color=COLOURS[0], ms=4, antialiased=False)
         rays.draw_ellipse(axes, point, covariance)
         axes.plot(*x[k], **(rays.TRUTH | {"ms": 9}))
         axes.plot(*point, **(rays.POINTS["RANSAC"] | {"ms": 9}))
-        axes.annotate(str(k), x[k], xytext=(8, 6), textcoords="offset points", fontsize=11,
+        away = x[k] - x.mean(0)
+        away = away / max(np.linalg.norm(away), 1e-6)
+        axes.annotate(str(k), x[k], xytext=(15 * away[0], -15 * away[1]), fontsize=11,
+                      textcoords="offset points", ha="center", va="center",
                       path_effects=HALO)  # fmt: skip
     return figure
 
@@ -238,11 +242,12 @@ def residuals(
         "Left: an object with dots that do not quite cover it, the points of its model in a wrong "
         f"pose, {int(inside.sum())} of {len(inside)} in the mask. Right: at some of them two "
         "arrows, of the field and of the pose, which point at a ring and at a square not far "
-        f"from it, and their difference, {np.median(size) if size.size else 0:.2f} long.",
+        f"from it, and their difference, {np.median(size) if size.size else 0:.2f} long and drawn "
+        "five times as long.",
         "",
     )
     left, right = figure.subplots(1, 2)
-    box = window(mask, np.concatenate([pixels, ends]), 0.06)
+    box = window(_largest(mask), np.concatenate([pixels, ends]), 0.06)
     for axes in (left, right):
         show_crop(axes, rgb, box, pale=0.6 if axes is right else 0.3)
         draw_outline(axes, mask, colour="0.4", style="--")
@@ -251,20 +256,26 @@ def residuals(
     left.plot(*pixels[inside].T, "o", color=COLOURS[4], ms=4, label="in the mask", **look)
     left.plot(*pixels[~inside].T, "X", color=COLOURS[1], ms=6, label="outside", **look)
     some = np.flatnonzero(inside)[:: max(int(inside.sum()) // 28, 1)]
-    length = 0.09 * (box[2] - box[0])
+    length = 0.07 * (box[2] - box[0])
     look = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.006, "antialiased": False}
     for vectors, colour, name in (
         (expected, COLOURS[0], "expected by the pose"),
         (said, COLOURS[4], "said by the field"),
-        (said - expected, INK, "difference"),
+        (5 * (said - expected), INK, "difference, x 5"),
     ):
-        start = pixels[some] + (length * expected[some] if name == "difference" else 0)
+        start = pixels[some] + (length * expected[some] if colour == INK else 0)
         right.quiver(*start.T, *(length * vectors[some]).T, color=colour, label=name, **look)
     right.plot(*ends[0], "o", mfc=COLOURS[4], mec=INK, ms=10, mew=1.6)
     right.plot(*ends[1], "s", mfc=COLOURS[0], mec="white", ms=10, mew=1.6)
     for axes in (left, right):
-        axes.legend(fontsize=8, loc="upper left")
+        axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=3)
     return figure
+
+
+def _largest(mask: np.ndarray) -> np.ndarray:
+    """The largest connected part of a mask (H, W)."""
+    _, parts, statistics, _ = cv2.connectedComponentsWithStats(np.uint8(mask))
+    return parts == 1 + statistics[1:, cv2.CC_STAT_AREA].argmax()
 
 
 def shares(

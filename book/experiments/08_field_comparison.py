@@ -31,6 +31,7 @@ outcomes = importlib.import_module("book.experiments.08_field_outcomes")
 
 __all__ = [
     "BINS",
+    "FIT",
     "LOSSES",
     "SPLITS",
     "STEPS",
@@ -58,6 +59,8 @@ PVNet without one; the book's reading; Eq 1 and 2 as printed; unit vectors in pl
 the last weight of Eq 2 from the beginning."""
 BINS = (0.1, 0.4, 0.6, 0.8, 0.95, 1.0)
 """Of the visible fraction."""
+FIT = "angles"
+"""The last step of the vote. PVNet's least squares of lines draws keypoints towards the object."""
 THRESHOLD = 0.8
 """Of the overlap, for OPEPL-DR."""
 
@@ -82,13 +85,15 @@ def compare_losses(seed: int) -> dict[str, float]:
     values = {}
     for name in LOSSES:
         net = trained(name, seed)
-        system = VectorFieldSystem(net, training.models())
+        system = VectorFieldSystem(net, training.models(), fit=FIT)
         for split in SPLITS:
             data, found = training.stack(split), run(system, split)
             values |= _shares(f"{name}, {split}", outcomes.outcomes(data, _poses(found)))
             if name == "pixel":
                 judged = outcomes.outcomes(data, _plain(found, split))
                 values |= _shares(f"plain PnP, {split}", judged)
+                other = run(VectorFieldSystem(net, training.models(), fit="lines"), split)
+                values |= _shares(f"lines, {split}", outcomes.outcomes(data, _poses(other)))
     return values
 
 
@@ -96,7 +101,7 @@ def compare_systems(seed: int) -> dict[str, float]:
     """OPEPL, -R and -DR with the same network and the same refiner."""
     net = trained("pixel", seed)
     refiner = train_refiner(net, seed=seed)
-    system = VectorFieldSystem.named("OPEPL-R", net, training.models(), refiner)
+    system = VectorFieldSystem.named("OPEPL-R", net, training.models(), refiner, fit=FIT)
     values = {}
     everything: dict[str, list] = {name: [] for name in SYSTEMS}
     for split in SPLITS:

@@ -42,7 +42,7 @@ def measure_speed(seed: int) -> dict[str, float]:
     views = shown.argsort(descending=True, stable=True)[: choose(tiny=2, book=20, paper=50)]
     values = {}
     for count in range(1, 1 + len(known)):
-        system = VectorFieldSystem(part_of(net, count), known[:count])
+        system = VectorFieldSystem(part_of(net, count), known[:count], fit=comparison.FIT)
         for size in (training.size(), *LARGER):
             batches = [data.frames(view[None], size) for view in views]
             timed = _of_an_image if size == training.size() else _of_a_larger_image
