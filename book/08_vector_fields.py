@@ -1638,8 +1638,8 @@ assert np.allclose(asked, asked[0], atol=0.1)
 # Watch one learn. It begins with random weights, at a rate that falls to zero. The loss is that of
 # section 3: the projection loss comes in after 15 % of the steps, and arrows that point away are
 # left out of it. It is computed at 256 pixels of each object. Cutting a
-# window takes as long as learning from it, so they are cut once and drawn many times. The optimiser
-# is not the paper's Adam but Muon, which takes a kernel's gradient as a matrix and steps along all
+# window and varying it takes time, too, about a quarter of what learning from it takes: so they are
+# cut once and drawn many times. The optimiser is not the paper's Adam but Muon, which takes a kernel's gradient as a matrix and steps along all
 # of its singular vectors alike: in our trials it needed less than half of the steps.
 #
 # To spare you the wait for two thousand training pictures, it learns from the pictures of `easy`.
@@ -2007,8 +2007,8 @@ looks.residuals(rgb, mask.numpy(), pixels, inside, arrows[:, 0], expected[:, 0],
 
 # %% [markdown]
 # The black differences, five times as long as they are, are not random: neighbours agree. They are
-# a picture of the turn and of the shift that are missing. A **refiner** reads it. It is DenseFusion's, without
-# the depth: for each point its place and its differences, two small networks for the two, a mean
+# a picture of the turn and of the shift that are missing. A **refiner** reads it. It is
+# DenseFusion's, without the depth: for each point its place and its differences, two small networks for the two, a mean
 # over all points, and from that a quaternion $q$ and three numbers $(d_x, d_y, s)$.
 #
 # ### One correction by hand
