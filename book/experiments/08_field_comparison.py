@@ -19,6 +19,7 @@ from posecore.papers.vector_field.refinement import FieldRefiner
 from posecore.papers.vector_field.refiner_training import (
     RefinerTraining,
     look_at_views,
+    own_poses,
     weights_digest,
 )
 from posecore.papers.vector_field.systems import SYSTEMS, Estimate, VectorFieldSystem
@@ -33,6 +34,7 @@ __all__ = [
     "BINS",
     "FIT",
     "LOSSES",
+    "REFINER_STEPS",
     "SPLITS",
     "STEPS",
     "THRESHOLD",
@@ -46,7 +48,8 @@ __all__ = [
 ]
 
 SPLITS = ("easy", "occluded")
-STEPS = {"tiny": 20, "book": 2000, "paper": 250_000}
+STEPS = {"tiny": 20, "book": 1600, "paper": 250_000}
+REFINER_STEPS = {"tiny": 20, "book": 1000, "paper": 50_000}
 LOSSES: dict[str, tuple] = {
     "none": ("none", 0.0),
     "pixel": ("pixel", "dynamic", 0.15, True),
@@ -66,6 +69,7 @@ THRESHOLD = 0.8
 
 Pose = tuple[np.ndarray, np.ndarray]
 Found = dict[tuple[int, int], Estimate]
+Seen = list[tuple[MaskedFields, dict[str, Tensor]]]
 
 
 def run(system: VectorFieldSystem, split: str) -> Found:
@@ -98,10 +102,17 @@ def compare_losses(seed: int) -> dict[str, float]:
 
 
 def compare_systems(seed: int) -> dict[str, float]:
-    """OPEPL, -R and -DR with the same network and the same refiner."""
+    """OPEPL, -R and -DR with the same network and the same refiner; and one that learnt by chance.
+
+    That one has never begun with poses of the system itself.
+    """
     net = trained("pixel", seed)
-    refiner = train_refiner(net, seed=seed)
+    steps, seen = choose(**REFINER_STEPS), training_fields(net)
+    refiner, by_chance = (
+        train_refiner(net, seen, own=own, seed=seed, steps=steps) for own in (True, False)
+    )
     system = VectorFieldSystem.named("OPEPL-R", net, training.models(), refiner, fit=FIT)
+    other = VectorFieldSystem.named("OPEPL-R", net, training.models(), by_chance, fit=FIT)
     values = {}
     everything: dict[str, list] = {name: [] for name in SYSTEMS}
     for split in SPLITS:
@@ -111,6 +122,8 @@ def compare_systems(seed: int) -> dict[str, float]:
             judged = outcomes.outcomes(training.stack(split), chosen)
             values |= _shares(f"{name}, {split}", judged)
             everything[name] += judged
+        judged = outcomes.outcomes(training.stack(split), _poses(run(other, split)))
+        values |= _shares(f"by chance, {split}", judged)
         large = [estimate.overlap > THRESHOLD for estimate in found.values()] or [False]
         values[f"OPEPL-DR, {split}, refined"] = 100 * float(np.mean(large))
     for name, judged in everything.items():
@@ -141,16 +154,31 @@ def new_refiner(seed: int = 0) -> FieldRefiner:
 
 
 def train_refiner(
-    net: VectorFieldNet, *, seed: int = 0, steps: int | None = None, keep: bool = True
+    net: VectorFieldNet,
+    seen: Seen | None = None,
+    *,
+    own: bool = True,
+    seed: int = 0,
+    steps: int,
+    keep: bool = True,
 ) -> FieldRefiner:
     """A refiner for a network that is trained, which stays as it is.
 
-    It learns from the fields of whole training images, and from poses that are wrong by a little.
+    Args:
+        net: says the fields.
+        seen: `training_fields` of it, where they are at hand.
+        own: whether half of the poses to begin with are those that the system itself finds. All
+            others are true ones made wrong by chance.
+        seed: of weights and of chance.
+        steps: of 64 objects.
+        keep: whether a training that was stopped goes on, and a finished one is found again.
     """
-    steps = choose(tiny=20, book=2000, paper=50_000) if steps is None else steps
-    refiner = new_refiner(seed)
-    seen = training_fields(net)
-    learning = RefinerTraining(seen, training.models(), size=choose(tiny=8, book=64, paper=64))
+    refiner, models = new_refiner(seed), training.models()
+    seen = training_fields(net) if seen is None else seen
+    system = VectorFieldSystem(net, models, fit=FIT)
+    poses = own_poses(system, seen, show=False) if own else None
+    learning = RefinerTraining(seen, models, poses, size=choose(tiny=8, book=64, paper=64))
+    names = (own, seed, steps, weights_digest(net))
     fit(
         refiner,
         learning.batches,
@@ -160,13 +188,13 @@ def train_refiner(
         clip=1.0,
         seed=seed,
         device="cpu",
-        resume=resume_folder(train_refiner, seed, steps, weights_digest(net)) if keep else None,
+        resume=resume_folder(train_refiner, *names) if keep else None,
         show=False,
     )
     return refiner
 
 
-def training_fields(net: VectorFieldNet) -> list[tuple[MaskedFields, dict[str, Tensor]]]:
+def training_fields(net: VectorFieldNet) -> Seen:
     """What a network says of the training images, each varied once."""
     return look_at_views(
         net, training.stack("train"), training.size(), augment=training.VARIED, show=False

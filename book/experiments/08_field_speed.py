@@ -15,7 +15,6 @@ from posecore.papers.vector_field.masked_fields import MaskedFields, look_at
 from posecore.papers.vector_field.network import VectorFieldNet
 from posecore.papers.vector_field.systems import STAGES, VectorFieldSystem
 from posecore.scale import choose
-from posecore.training.machine import uses_bfloat16
 
 training = importlib.import_module("book.experiments.08_field_training")
 comparison = importlib.import_module("book.experiments.08_field_comparison")
@@ -85,10 +84,8 @@ def _of_a_larger_image(system: VectorFieldSystem, batch: dict[str, Tensor]) -> l
         None,
     )
     fields = MaskedFields(*targets[1:])
-    half = uses_bfloat16("auto", torch.device("cpu"), system.net)
     began = time.perf_counter()
-    with torch.autocast("cpu", torch.bfloat16, enabled=half):
-        look_at(system.net, batch["rgb"])
+    look_at(system.net, batch["rgb"])
     seconds = time.perf_counter() - began
     estimates = system.estimate_fields(fields, batch["K"], seconds)
     total = time.perf_counter() - began

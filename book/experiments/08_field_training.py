@@ -17,6 +17,7 @@ import data_tools
 from data_tools import batches
 from posecore.book.checkpoints import resume_folder
 from posecore.cameras import resize_intrinsics
+from posecore.commands.field_plans import MILD
 from posecore.papers.vector_field.learning import Objective, Pool, Windows
 from posecore.papers.vector_field.losses import VectorFieldLoss
 from posecore.papers.vector_field.models import ObjectModel, object_models
@@ -42,9 +43,7 @@ __all__ = [
 
 OBJECTS = (7, 3, 5)
 NAMES = ("drill", "vase", "teapot")
-VARIED = batches.Augmentation(
-    occluder=0.2, background=0.25, blur=0.5, noise=0.012, light=0.2, colour=0.1
-)
+VARIED = MILD
 """Milder than the default: tests are rendered as training images are."""
 
 

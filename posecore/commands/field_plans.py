@@ -12,9 +12,10 @@ from data_tools.batches import Augmentation
 from posecore.training.loop import ADAM
 from posecore.training.muon import Muon
 
-__all__ = ["PLANS", "Plan", "halved"]
+__all__ = ["MILD", "PLANS", "Plan", "halved"]
 
 MILD = Augmentation(occluder=0.2, background=0.25, blur=0.5, noise=0.012, light=0.2, colour=0.1)
+"""Milder than the default, for tests that are rendered as training images are."""
 
 
 def halved(done: float) -> float:

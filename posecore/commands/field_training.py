@@ -6,8 +6,6 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator
-from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,8 +25,10 @@ from posecore.papers.vector_field.network import VectorFieldNet
 from posecore.papers.vector_field.refiner_training import (
     RefinerTraining,
     look_at_views,
+    own_poses,
     weights_digest,
 )
+from posecore.papers.vector_field.systems import VectorFieldSystem
 from posecore.scale import scale
 from posecore.training import fit, seeded
 from posecore.training.machine import choose_device
@@ -160,15 +160,17 @@ def _train_refiner(task: _Task, net: VectorFieldNet) -> None:
     plan, options = task.plan, task.run.options
     with seeded(options["seed"]):
         refiner = task.run.new_refiner()
+    show = None if task.first else False
     seen = look_at_views(
         net, task.data, most=plan.refiner_images, augment=plan.augment,
-        seed=options["seed"], show=None if task.first else False,
+        seed=options["seed"], show=show,
     )  # fmt: skip
     if not seen:
         fail("--steps", "enough for a field that sees objects, or --refiner-steps 0", "too few")
     learning = RefinerTraining(
         seen,
         task.run.models,
+        own_poses(VectorFieldSystem(net, task.run.models), seen, show),
         size=math.ceil(plan.refiner_batch / task.processes) * task.processes,
     )
     recipe = {**options, "net": weights_digest(net)}
@@ -178,7 +180,7 @@ def _train_refiner(task: _Task, net: VectorFieldNet) -> None:
     )  # fmt: skip
 
 
-def _batches(task: _Task) -> Windows | _Later:
+def _batches(task: _Task) -> Windows | Pool:
     """The windows of a training, cut anew for every step or drawn from a pool."""
     plan, data, options = task.plan, task.data, task.run.options
     draws = {"steps": options["steps"], "count": options["batch"], "seed": options["seed"]}
@@ -199,31 +201,7 @@ def _batches(task: _Task) -> Windows | _Later:
         visible=visible,
         shift=plan.shift,
     )
-    return windows if plan.looks is None else _Later(lambda: Pool(windows, **draws))
-
-
-class _Later:
-    """A pool that is cut when its first batch is wanted, for a finished training never."""
-
-    def __init__(self, cut: Callable[[], Pool]) -> None:
-        self._cut, self._state = cut, {}
-
-    @cached_property
-    def _pool(self) -> Pool:
-        pool = self._cut()
-        if self._state:
-            pool.load_state_dict(self._state)
-        return pool
-
-    def __iter__(self) -> Iterator[dict[str, torch.Tensor]]:
-        return iter(self._pool)
-
-    def state_dict(self) -> dict[str, int]:
-        return self._pool.state_dict() if "_pool" in vars(self) else self._state
-
-    def load_state_dict(self, state: dict[str, int]) -> None:
-        vars(self).pop("_pool", None)
-        self._state = state
+    return windows if plan.looks is None else Pool(windows, **draws)
 
 
 def _integer(name: str, value: int | None, default: int | None, low: int) -> int | None:

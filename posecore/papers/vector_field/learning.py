@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -139,12 +140,12 @@ class Windows(_Drawn):
 class Pool(_Drawn):
     """Windows cut once, and drawn again and again.
 
-    Cutting and varying a window takes about as long as a small network needs to learn from it; so
-    where each view is looked at dozens of times, a pool of several variations of each nearly halves
-    the time of a training. It lies in memory: 5 bytes a pixel.
+    Cutting and varying a window takes a good part of the time in which a small network learns from
+    it, so where each view is looked at dozens of times, some variations of each will do. They are
+    cut when the first batch is wanted, and lie in memory: 5 bytes a pixel.
 
     Args:
-        windows: what is cut, all of it.
+        windows: what is cut, from its first batch to its last.
         steps: batches in all.
         count: windows in a batch.
         seed: of what is drawn.
@@ -160,7 +161,7 @@ class Pool(_Drawn):
         super().__init__(steps, count, seed)
         if not isinstance(windows, Windows):
             fail("windows", "a Windows", type(windows).__name__)
-        self._parts = _put_together([_small(batch) for batch in windows])
+        self._cut = _Cut(windows)
 
     def drawn(self, *, steps: int, count: int, seed: int = 0) -> Pool:
         """The same windows for another training; the arguments are those of the class."""
@@ -171,14 +172,27 @@ class Pool(_Drawn):
     @property
     def size(self) -> int:
         """How many windows there are."""
-        return len(self._parts["rgb"])
+        return self._cut.size
 
     def _draw(self, generator: torch.Generator) -> dict[str, Tensor]:
         rows = torch.randint(self.size, (self.count,), generator=generator)
-        batch = {name: values[rows] for name, values in self._parts.items()}
+        batch = {name: values[rows] for name, values in self._cut.parts.items()}
         batch["rgb"] = batch["rgb"].permute(0, 3, 1, 2).float() / 255
         batch["instance"] = batch["instance"].long()
         return batch
+
+
+class _Cut:
+    """All windows, cut once for all pools that draw from them."""
+
+    def __init__(self, windows: Windows) -> None:
+        self._windows = copy.copy(windows)
+        self._windows.step = 0
+        self.size = windows.steps * windows.count
+
+    @cached_property
+    def parts(self) -> dict[str, Tensor]:
+        return _put_together([_small(batch) for batch in self._windows])
 
 
 class Objective:

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from posecore.arrays import fail, require_integer
 from posecore.papers.vector_field.network import VectorFieldNet
+from posecore.training.machine import uses_bfloat16
 
 __all__ = ["MaskedFields", "look_at"]
 
@@ -159,17 +160,27 @@ class MaskedFields:
 
 
 @torch.no_grad()
-def look_at(net: VectorFieldNet, images: Tensor, min_pixels: int = 20) -> MaskedFields:
+def look_at(
+    net: VectorFieldNet, images: Tensor, min_pixels: int = 20, precision: str = "auto"
+) -> MaskedFields:
     """What a network says of images, at the pixels of its own masks.
 
     A pixel is of the class of largest logit. Vectors are computed in the masks only.
 
     Args:
-        net: in evaluation mode, as `fit` leaves it.
+        net: in evaluation mode, as `fit` leaves it; it computes where it is.
         images: (B, 3, H, W) RGB, 0 to 1.
         min_pixels: masks with fewer are no entry.
+        precision: "float32", "bfloat16", or "auto" for what `fit` would choose.
+
+    Raises:
+        ValueError: for images or a precision that cannot be.
     """
-    features = net.features(images)
+    device = next(net.parameters()).device
+    half = uses_bfloat16(precision, device, net)
+    images = images.to(device, memory_format=torch.channels_last)
+    with torch.autocast(device.type, torch.bfloat16, enabled=half):
+        features = net.features(images)
     logits = net.mask(features)  # (B, 1 + O, H, W)
     label = logits.argmax(1)
     image, y, x = label.nonzero(as_tuple=True)

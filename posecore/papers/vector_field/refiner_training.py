@@ -19,10 +19,17 @@ from posecore.papers.vector_field.masked_fields import MaskedFields, look_at
 from posecore.papers.vector_field.models import ObjectModel, require_models
 from posecore.papers.vector_field.network import VectorFieldNet
 from posecore.papers.vector_field.refinement import FieldRefiner, correct_pose
+from posecore.papers.vector_field.systems import VectorFieldSystem
 from posecore.rotations import axis_angle_to_matrix
-from posecore.training.machine import uses_bfloat16
 
-__all__ = ["RefinerTraining", "look_at_views", "perturb", "pose_loss", "weights_digest"]
+__all__ = [
+    "RefinerTraining",
+    "look_at_views",
+    "own_poses",
+    "perturb",
+    "pose_loss",
+    "weights_digest",
+]
 
 FAR = 0.5
 """Diameters."""
@@ -114,7 +121,7 @@ def look_at_views(
 ) -> list[tuple[MaskedFields, dict[str, Tensor]]]:
     """What a trained network says of whole images, for `RefinerTraining`.
 
-    The network computes where it is, in bfloat16 where `fit` would; the fields come to the CPU.
+    The network computes where it is (`look_at`); the fields come to the CPU.
 
     Args:
         net: in evaluation mode, as `fit` leaves it.
@@ -136,24 +143,47 @@ def look_at_views(
     if most is not None:
         step = max(1, math.ceil(len(data) / require_integer("most", most, 1)))
     generator = torch.Generator().manual_seed(require_integer("seed", seed, 0))
-    device = next(net.parameters()).device
-    half = uses_bfloat16("auto", device, net)
     views = torch.arange(0, len(data), step).split(AT_ONCE)
     seen = []
     for some in tqdm(views, desc="fields", disable=None if show is None else not show):
         batch = data.frames(some, size, augment=augment, generator=generator)
-        images = batch["rgb"].to(device, memory_format=torch.channels_last)
-        with torch.autocast(device.type, torch.bfloat16, enabled=half):
-            fields = look_at(net, images)
+        fields = look_at(net, batch["rgb"])
         if len(fields):
             seen.append((fields.to("cpu"), {name: batch[name] for name in KEPT}))
     return seen
 
 
+def own_poses(
+    system: VectorFieldSystem,
+    seen: Sequence[tuple[MaskedFields, Mapping[str, Tensor]]],
+    show: bool | None = None,
+) -> list[tuple[Tensor, Tensor]]:
+    """The poses that a system finds in fields, before any refiner, for `RefinerTraining`.
+
+    It is these that a refiner will have to mend, and their errors are not those of chance: the
+    pose and the arrows beside it are wrong together.
+
+    Args:
+        system: of the network that the fields are from.
+        seen: as `look_at_views` returns it.
+        show: a progress bar; by default in a terminal.
+
+    Returns:
+        For each part of `seen` R (S, 3, 3) and t (S, 3) of its entries, float32.
+    """
+    found = []
+    for fields, batch in tqdm(seen, desc="poses", disable=None if show is None else not show):
+        firsts = [one.first for one in system.estimate_fields(fields, batch["K"])]
+        R, t = (torch.from_numpy(np.stack(part)).float() for part in zip(*firsts, strict=True))
+        found.append((R, t))
+    return found
+
+
 class RefinerTraining:
     """Batches and loss of a refiner, from the fields of a network that is trained and frozen.
 
-        training = RefinerTraining(look_at_views(net, data), refiner.models)
+        seen = look_at_views(net, data)
+        training = RefinerTraining(seen, refiner.models, own_poses(system, seen))
         fit(refiner, training.batches, training.loss, steps=2000, clip=1.0)
 
     The fields are kept, so a batch is made of numbers only. The poses to begin with are true ones

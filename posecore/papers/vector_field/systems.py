@@ -28,7 +28,6 @@ from posecore.papers.vector_field.network import VectorFieldNet
 from posecore.papers.vector_field.refinement import FieldRefiner
 from posecore.papers.vector_field.voting import FITS, Votes, vote_pixels
 from posecore.registration.weighted_pnp import uncertainty_pnp
-from posecore.training.machine import uses_bfloat16
 
 __all__ = ["STAGES", "SYSTEMS", "Estimate", "ObjectModel", "VectorFieldSystem"]
 
@@ -159,13 +158,8 @@ class VectorFieldSystem:
         """
         images = _images(images)
         camera = _cameras(K, len(images))
-        device = next(self.net.parameters()).device
         began = time.perf_counter()
-        self.net.eval()
-        images = images.to(device, torch.float32, memory_format=torch.channels_last)
-        half = uses_bfloat16("auto", device, self.net)
-        with torch.autocast(device.type, torch.bfloat16, enabled=half):
-            fields = look_at(self.net, images, self.min_pixels)
+        fields = look_at(self.net.eval(), images.float(), self.min_pixels)
         seconds = (time.perf_counter() - began) / len(images)
         return self.estimate_fields(fields, camera, seconds)
 

@@ -170,6 +170,27 @@ def test_a_pool_teaches_what_its_windows_teach(windows, models):
         torch.testing.assert_close(objective(net, drawn)[name], value, rtol=0.01, atol=1e-4)
 
 
+def test_a_pool_is_cut_when_it_is_wanted_and_once(windows, monkeypatch):
+    cut, draw = [], Windows._draw
+
+    def counted(self, generator):
+        cut.append(self.count)
+        return draw(self, generator)
+
+    monkeypatch.setattr(Windows, "_draw", counted)
+    begun = windows(steps=3, count=2)
+    next(iter(begun))
+    cut.clear()
+    pool = Pool(begun, steps=4, count=2)
+    other = pool.drawn(steps=2, count=1)
+    assert pool.size == other.size == 6
+    pool.load_state_dict({**pool.state_dict(), "step": 4})
+    assert list(pool) == [] and cut == []  # a training that is finished
+    assert len(list(other)) == 2 and cut == [2, 2, 2]  # all of them, whatever was drawn before
+    assert len(list(pool)) == 4 and len(cut) == 3
+    assert begun.step == 1
+
+
 def test_a_pool_is_drawn_from_again_and_taken_up_again(windows):
     pool = Pool(windows(), steps=4, count=2)
     other = pool.drawn(steps=6, count=3, seed=1)

@@ -8,6 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from posecore.papers.vector_field import masked_fields
 from posecore.papers.vector_field.masked_fields import MaskedFields, look_at
 from posecore.papers.vector_field.network import VectorFieldNet
 from posecore.training import seeded
@@ -106,7 +107,7 @@ def test_a_network_is_looked_at_where_its_masks_are() -> None:
     with torch.no_grad():
         logits, dense = net(images)
     label, sure = logits.argmax(1), logits.softmax(1)
-    fields = look_at(net, images, min_pixels=5)
+    fields = look_at(net, images, min_pixels=5, precision="float32")
     found = []
     for image in (0, 1):
         for object in (0, 1):
@@ -150,3 +151,33 @@ def columns(**changed: torch.Tensor) -> Columns:
 def test_bad_input_is_named(call: Callable[[], object], name: str) -> None:
     with pytest.raises(ValueError, match=rf"^{name}:"):
         call()
+
+
+@pytest.mark.parametrize("precision", ["auto", "bfloat16", "float32"])
+@pytest.mark.parametrize("native", [False, True])
+def test_a_network_is_looked_at_in_the_precision_of_fit(monkeypatch, precision, native):
+    with seeded(0):
+        net = VectorFieldNet(objects=1, keypoints=4, width=4).eval()
+    asked, seen_in = [], []
+
+    def chosen(*arguments):
+        asked.append(arguments)
+        return native if arguments[0] == "auto" else arguments[0] == "bfloat16"
+
+    def spied(images):
+        seen_in.append(torch.is_autocast_enabled("cpu"))
+        assert images.is_contiguous(memory_format=torch.channels_last)
+        return VectorFieldNet.features(net, images)
+
+    monkeypatch.setattr(masked_fields, "uses_bfloat16", chosen)
+    monkeypatch.setattr(net, "features", spied)
+    fields = look_at(net, torch.rand(2, 3, 16, 24), precision=precision)
+    assert asked == [(precision, torch.device("cpu"), net)]
+    assert seen_in == [native if precision == "auto" else precision == "bfloat16"]
+    assert all(vectors.dtype == torch.float32 for _, vectors in map(fields.of, range(len(fields))))
+
+
+def test_a_precision_that_does_not_exist() -> None:
+    net = VectorFieldNet(objects=1, keypoints=4, width=4).eval()
+    with pytest.raises(ValueError, match="^precision: expected .*'float8'"):
+        look_at(net, torch.rand(1, 3, 16, 24), precision="float8")

@@ -18,10 +18,12 @@ from posecore.papers.vector_field.refinement import FieldRefiner
 from posecore.papers.vector_field.refiner_training import (
     RefinerTraining,
     look_at_views,
+    own_poses,
     perturb,
     pose_loss,
     weights_digest,
 )
+from posecore.papers.vector_field.systems import VectorFieldSystem
 from posecore.training import fit, seeded
 
 K = torch.tensor([[60.0, 0, 24], [0, 60, 18], [0, 0, 1]]).double()
@@ -199,9 +201,7 @@ def same_fields(one: MaskedFields, other: MaskedFields) -> bool:
 @given(st.integers(1, 20), st.none() | st.integers(1, 25))
 def test_each_view_is_looked_at_once(net: VectorFieldNet, count: int, most: int | None) -> None:
     photos = Photos(count)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(refiner_training, "uses_bfloat16", lambda *_: False)
-        found = look_at_views(net, photos, most=most)
+    found = look_at_views(net, photos, most=most)
     asked, some = photos.asked, count if most is None else most
     assert asked == sorted(set(asked)) and len(asked) <= some
     gaps = np.diff([*asked, max(count, asked[-1] + 1)])
@@ -228,26 +228,6 @@ def test_views_are_varied_by_the_seed_alone(net: VectorFieldNet) -> None:
     assert looks(seed=4).counts.tolist() != first.counts.tolist()
 
 
-@pytest.mark.parametrize("half", [False, True])
-def test_views_are_looked_at_as_fit_computes(net, monkeypatch, half):
-    asked, seen_on = [], []
-
-    def chosen(*arguments):
-        asked.append(arguments)
-        return half
-
-    def spied(net, images):
-        seen_on.append(torch.is_autocast_enabled("cpu"))
-        assert images.is_contiguous(memory_format=torch.channels_last)
-        return look_at(net, images)
-
-    monkeypatch.setattr(refiner_training, "uses_bfloat16", chosen)
-    monkeypatch.setattr(refiner_training, "look_at", spied)
-    found = look_at_views(net, Photos(9))
-    assert seen_on == [half, half] and len(found) == 2
-    assert asked == [("auto", torch.device("cpu"), net)]
-
-
 def test_images_in_which_nothing_is_seen_are_left_out(net, monkeypatch):
     calls = []
 
@@ -262,9 +242,39 @@ def test_images_in_which_nothing_is_seen_are_left_out(net, monkeypatch):
 
 
 def test_a_bar_where_it_is_asked_for(net, capsys):
+    system = VectorFieldSystem(VectorFieldNet(objects=2, keypoints=6, width=4), MODELS)
     for show, shown in ((False, False), (None, False), (True, True)):
         look_at_views(net, Photos(2), show=show)
         assert ("fields" in capsys.readouterr().err) == shown
+        own_poses(system, [seen(3)], show=show)
+        assert ("poses" in capsys.readouterr().err) == shown
+
+
+def test_a_systems_own_poses() -> None:
+    """True fields give true poses; the symmetric object's are those that its field points at."""
+    net = VectorFieldNet(objects=2, keypoints=6, width=4)
+    parts = [seen(3), seen(4, 5)]
+    own = own_poses(VectorFieldSystem(net, MODELS), parts)
+    for (fields, batch), (R, t) in zip(parts, own, strict=True):
+        assert R.dtype == t.dtype == torch.float32 and len(R) == len(fields)
+        # Entries are in order of their image, and each image shows one object.
+        torch.testing.assert_close(R, batch["R"].float(), atol=1e-3, rtol=0)
+        torch.testing.assert_close(t, batch["t"].float(), atol=1e-3, rtol=0)
+    learning = RefinerTraining(parts, MODELS, own)
+    assert learning.own is not None and bool(learning.own[2].all())
+
+
+def test_own_poses_are_those_before_a_refiner() -> None:
+    net = VectorFieldNet(objects=2, keypoints=6, width=4)
+    with seeded(0):
+        refiner = FieldRefiner(MODELS, width=4, points=20)
+        torch.nn.init.normal_(refiner.net.shift[1].bias, std=0.3)
+    refining = VectorFieldSystem.named("OPEPL-R", net, MODELS, refiner)
+    ((R, t),) = own_poses(refining, [seen(3)])
+    ((R_plain, t_plain),) = own_poses(VectorFieldSystem(net, MODELS), [seen(3)])
+    assert torch.equal(R, R_plain) and torch.equal(t, t_plain)
+    refined = refining.estimate_fields(seen(3)[0], K)
+    assert np.abs(refined[0].t - t[0].numpy()).max() > 1e-3
 
 
 FIELDS, BATCH = seen(0, 2)
