@@ -238,37 +238,37 @@ def residuals(
     size = np.linalg.norm(said - expected, axis=-1)[inside]
     figure = new_picture(
         8.4,
-        3.6,
+        3.4,
         "Left: an object with dots that do not quite cover it, the points of its model in a wrong "
-        f"pose, {int(inside.sum())} of {len(inside)} in the mask. Right: at some of them two "
+        f"pose, {int(inside.sum())} of {len(inside)} in the mask. Middle: at some of them two "
         "arrows, of the field and of the pose, which point at a ring and at a square not far "
-        f"from it, and their difference, {np.median(size) if size.size else 0:.2f} long and drawn "
-        "five times as long.",
+        "from it. Right: their differences, which are alike among neighbours; half of all are "
+        f"longer than {np.median(size) if size.size else 0:.2f}, and they are drawn twice as long.",
         "",
     )
-    left, right = figure.subplots(1, 2)
+    left, middle, right = figure.subplots(1, 3)
     box = window(_largest(mask), np.concatenate([pixels, ends]), 0.06)
-    for axes in (left, right):
-        show_crop(axes, rgb, box, pale=0.6 if axes is right else 0.3)
+    for axes in (left, middle, right):
+        show_crop(axes, rgb, box, pale=0.3 if axes is left else 0.7)
         draw_outline(axes, mask, colour="0.4", style="--")
         thin(axes)
     look = {"mec": INK, "mew": 0.5, "ls": "none", "antialiased": False}
-    left.plot(*pixels[inside].T, "o", color=COLOURS[4], ms=4, label="in the mask", **look)
+    left.plot(*pixels[inside].T, "o", color=COLOURS[4], ms=3.5, label="in the mask", **look)
     left.plot(*pixels[~inside].T, "X", color=COLOURS[1], ms=6, label="outside", **look)
     some = np.flatnonzero(inside)[:: max(int(inside.sum()) // 28, 1)]
-    length = 0.07 * (box[2] - box[0])
-    look = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.006, "antialiased": False}
-    for vectors, colour, name in (
-        (expected, COLOURS[0], "expected by the pose"),
-        (said, COLOURS[4], "said by the field"),
-        (5 * (said - expected), INK, "difference, x 5"),
+    length = 0.1 * (box[2] - box[0])
+    look = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.008, "antialiased": False}
+    for axes, vectors, colour, name in (
+        (middle, expected, COLOURS[0], "predicted by the pose"),
+        (middle, said, COLOURS[4], "said by the field"),
+        (right, 2 * (said - expected), INK, "difference, x 2"),
     ):
-        start = pixels[some] + (length * expected[some] if colour == INK else 0)
-        right.quiver(*start.T, *(length * vectors[some]).T, color=colour, label=name, **look)
-    right.plot(*ends[0], "o", mfc=COLOURS[4], mec=INK, ms=10, mew=1.6)
-    right.plot(*ends[1], "s", mfc=COLOURS[0], mec="white", ms=10, mew=1.6)
-    for axes in (left, right):
-        axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=3)
+        arrows = length * vectors[some]
+        axes.quiver(*pixels[some].T, *arrows.T, color=colour, label=name, **look)
+    middle.plot(*ends[1], "s", mfc=COLOURS[0], mec="white", ms=9, mew=1.6)
+    middle.plot(*ends[0], "o", mfc=COLOURS[4], mec=INK, ms=9, mew=1.6)
+    for axes in (left, middle, right):
+        axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=1)
     return figure
 
 
@@ -303,6 +303,7 @@ def shares(
         box = window(mask, pixels.clip(0, np.subtract(mask.shape[::-1], 1)), 0.1)
         shaded = np.where(mask[..., None], 0.45 * rgb + 0.55 * np.array([204, 121, 167]), rgb)
         show_crop(axes, np.uint8(shaded), box)
+        draw_outline(axes, mask, colour="white", style="-")
         axes.plot(*pixels[inside].T, ".", color="#f0e442", mec=INK, mew=0.3, ms=5, label="inside")
         axes.plot(*pixels[~inside].T, "x", color=INK, ms=5, mew=1.3, label="outside")
         axes.set_title(title, fontsize=10)

@@ -25,28 +25,31 @@ Pose = tuple[np.ndarray, np.ndarray]
 
 
 def mended(first: np.ndarray, last: np.ndarray, overlap: np.ndarray, threshold: float) -> Picture:
-    """Errors before and after refining, (N,) diameters, by whether the overlap is large."""
+    """By what factor refining changes errors (N,) in diameters, where overlap is large or not."""
     large = overlap > threshold
+    names = (f"overlap above {threshold}", f"overlap at most {threshold}")
     said = "; ".join(
         f"{name}: {int((last < first)[part].sum())} of {int(part.sum())} smaller than before"
-        for name, part in ((f"overlap above {threshold}", large), ("the others", ~large))
+        for name, part in zip(names, (large, ~large), strict=True)
     )
-    alt = "Errors after refining over errors before, on log axes, a mark for each object. "
-    figure = new_picture(5.6, 4.2, f"{alt}Below the diagonal they are smaller now: {said}.", "")
-    axes = figure.subplots()
-    ends = 0.003, 3.0
-    axes.plot(ends, ends, color="0.5", lw=1.2)
-    for part, colour, marker, name in ((~large, COLOURS[1], "x", f"overlap at most {threshold}"),
-                                       (large, COLOURS[0], ".", f"above {threshold}")):  # fmt: skip
-        values = np.clip([first[part], last[part]], *ends)
-        axes.plot(*values, marker, color=colour, ms=5, label=name, ls="none", antialiased=False)
-    for draw in (axes.axhline, axes.axvline):
-        draw(0.1, color="0.5", lw=1, ls=":")
-    axes.set(xscale="log", yscale="log", xlim=ends, ylim=ends)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_ticks([0.01, 0.1, 1], ["1 %", "10 %", "100 %"])
-    axes.set(xlabel="ADD(-S) before, of the diameter", ylabel="after")
-    axes.legend(fontsize=9, loc="upper left")
+    alt = "By what factor errors have changed, over the errors before, a mark for each object. "
+    figure = new_picture(8.0, 3.3, f"{alt}Below 1 they are smaller now: {said}.", "")
+    panels = figure.subplots(1, 2, sharey=True)
+    low, high = 0.01, 1.0
+    before = np.geomspace(low, high, 50)
+    for axes, part, colour, name in zip(panels, (large, ~large), COLOURS, names, strict=False):
+        axes.axhline(1, color="0.5", lw=1.2)
+        axes.plot(before, 0.1 / before, color="0.5", lw=1, ls=":")
+        axes.axvline(0.1, color="0.5", lw=1, ls=":")
+        change = np.clip(last[part] / np.maximum(first[part], 1e-9), 0.1, 10)
+        axes.plot(np.clip(first[part], low, high), change, ".", color=colour, ms=4.5,
+                  antialiased=False)  # fmt: skip
+        axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(0.1, 10))
+        axes.xaxis.set_ticks([0.01, 0.1, 1], ["1 %", "10 %", "100 %"])
+        axes.yaxis.set_ticks([0.1, 1, 10], ["/ 10", "same", "x 10"])
+        axes.set_title(name, fontsize=10)
+        axes.set_xlabel("ADD(-S) before, of the diameter")
+    panels[0].set_ylabel("after refining")
     return figure
 
 

@@ -150,7 +150,8 @@ def chosen_pose(system: str, estimate: Estimate) -> Pose:
 def new_refiner(seed: int = 0) -> FieldRefiner:
     """A refiner of the three objects, with its first weights."""
     with seeded(seed):
-        return FieldRefiner(training.models(), width=choose(tiny=4, book=16, paper=64))
+        width = choose(tiny=4, book=16, paper=64)
+        return FieldRefiner(training.models(), width, iterations=3)
 
 
 def train_refiner(

@@ -107,7 +107,7 @@ def train_refiner() -> dict[str, Tensor]:
     """The refiner for the network that the page ships."""
     net = training.new_net()
     net.load_state_dict(train_field())
-    steps = choose(tiny=20, book=2000, paper=50_000)
+    steps = choose(tiny=20, book=3000, paper=50_000)
     return _halved(comparison.train_refiner(net.eval(), seed=0, steps=steps).state_dict())
 
 
