@@ -38,6 +38,7 @@ Window = tuple[int, int, int, int]
 TRUTH = {"marker": "o", "ms": 13, "mfc": "none", "mec": INK, "mew": 1.8, "ls": "none"}
 POINTS = {  # a marker for each way to find a point
     "least squares": {"marker": "D", "color": COLOURS[1], "ms": 9, "mec": "white"},
+    "least squares, all rays": {"marker": "D", "color": COLOURS[1], "ms": 9, "mec": "white"},
     "RANSAC": {"marker": "X", "color": COLOURS[2], "ms": 11, "mec": "white"},
 }
 
