@@ -1760,25 +1760,26 @@ found = {title: compared(told) for title, told in stages.items()}
 print(f"{'':17}{'mask':>5}{'to the tip':>12}{'to the middle':>15}")
 for title, (overlap, angles) in found.items():
     print(f"{title:17}{overlap:5.0%}{angles[0]:11.0f}°{angles[1]:14.0f}°")
-(_, _), (trained, after), (shipped, at_last), (_, true_angles) = found.values()
+_, after, at_last, true_angles = (angles for _, angles in found.values())
 assert true_angles.max() < 1
 if scale() == "book":
-    assert trained < shipped and at_last.mean() < after.mean()
+    assert at_last.mean() < 0.5 * after.mean()
 whole, true_mask, _ = several[0]
 rgb = np.uint8(255 * whole["rgb"][0].permute(1, 2, 0).numpy().clip(0, 1))
 first_of = {title: told[0] for title, told in stages.items()}
 looks.learnt(rgb, true_mask, first_of, ("to the tip", "to the middle"))
 
 # %% [markdown]
-# (The mask's number is its overlap with the true one, intersection over union; the arrows' is their
-# median error. Arrows that know nothing are off by 90 degrees on average, and may be lucky on one
-# picture. The vote wants them within 8: of the shipped network's half are not that good here. What
-# they agree on counts.)
+# (The mask's number is its overlap with the true one, intersection over union, the mean over the
+# forty; the arrows' is the median of their errors. Arrows that know nothing are off by 90 degrees on
+# average. The picture shows the first of the forty, and one picture may be an odd one.)
 #
 # After half a minute the network knows where the teapot is, and where its middle is: the outline
 # tells. The tip is another matter, as for it the network must know how the teapot is turned. The
-# rest of the training goes into that. (This is one picture, and an odd one: here the field to the
-# middle is better after half a minute than that of the network that is shipped.)
+# rest of the training goes into that: in the end more than half of the arrows are within the 8
+# degrees that the vote wants. The mask gains nothing any more. (Here it is even worse than after
+# half a minute. The two have learnt from different pictures, and one training of each is no
+# comparison.)
 
 # %% [markdown]
 # ## 7. From a picture to a pose
@@ -1884,7 +1885,7 @@ from posecore.papers.vector_field.masked_fields import look_at
 from posecore.papers.vector_field.systems import VectorFieldSystem
 
 opepl = VectorFieldSystem.named("OPEPL", net, three, fit="angles")
-seen = look_at(net, first["rgb"])  # masks, and arrows at their pixels only
+seen = look_at(net, first["rgb"], precision="float32")  # masks, and arrows at their pixels only
 estimates = opepl.estimate_fields(seen, first["K"])
 for estimate in estimates:
     if estimate.object_id == 5 and by_hand["weighed"] is not None and estimate.score > 0:
@@ -1902,8 +1903,8 @@ known = ", ".join(names[three.index(model)] for model, _ in drawn) or "nothing"
 looks.pose(rgb, K, drawn, f"Boxes are around what was found: {known}.")
 
 # %% [markdown]
-# There is no vase. A few pixels of the truck were taken for one, and PnP fits a pose to any nine
-# points. Whoever uses such a system has to ask for a least score: the mean probability of the mask
+# There is no vase. A few pixels of the truck were taken for one, and every mask gets a pose, be it a
+# guess. Whoever uses such a system has to ask for a least score: the mean probability of the mask
 # times the share of its pixels that point at the keypoints. What is found but is not there does not
 # count in what follows.
 #
@@ -1947,8 +1948,8 @@ if scale() == "book":
 
 # %% [markdown]
 # What is not found counts as wrong, and objects of which less than a tenth is seen are left out. The
-# percentage is computed for each object, then averaged over the three. For this network the weights gain
-# nothing. One network cannot settle it: the claims of section 10 compare three.
+# percentage is computed for each object, then averaged over the three. For this network the weights
+# gain a good deal. One network cannot settle it: the claims of section 10 compare three.
 #
 # ### Several objects at once
 #
@@ -1993,9 +1994,9 @@ for n in (1, 2, 3):
 
 # %% [markdown]
 # The paper's frames are larger, and its GPU is faster than this processor, so look down each column,
-# not across: from one object to three the paper loses a sixth of its speed, we about a third. The
+# not across: from one object to three the paper loses a sixth of its speed, we about two fifths. The
 # network hardly notices a third object, as the paper says. But it is small here, and so are the
-# pictures, and with three objects votes and PnP, one object after the other, are about half of the
+# pictures, and with three objects votes and PnP, one object after the other, are more than half of the
 # time.
 
 # %% [markdown]
@@ -2172,7 +2173,7 @@ for split, estimates in refined.items():
     print(f"{split}: OPEPL-DR refines {large:.0%}")
 
 # %% [markdown]
-# So this refiner is of use, on `easy` more than on `occluded`.
+# So this refiner is of use, and the rule costs some of it.
 #
 # Two pictures of the rule, as the paper's Figure 6 has one. Which two is also a rule: in the
 # `occluded` pictures, the objects that are right with the largest and with the smallest overlap.
@@ -2234,9 +2235,9 @@ for name, some in (("above 0.8", overlaps > 0.8), ("0.8 and less", overlaps <= 0
 charts.mended(before, after, overlaps, 0.8)
 
 # %% [markdown]
-# Where the overlap is large most get better, and hardly one that was right becomes wrong. Where it is
-# small about as many get worse as better. That fits what the paper says. But what becomes right
-# there the rule loses, too.
+# Where the overlap is large three of four get better. Where it is small it is still more than one
+# half, but more of those that were right become wrong. So much of the paper's reason holds. But what
+# becomes right there the rule loses, and here that is more.
 #
 # The paper does not give the threshold. From 0, which is OPEPL-R, to 1, which is OPEPL:
 
@@ -2320,7 +2321,7 @@ charts.by_visibility(comparison.BINS, lines, counts)
 # %% [markdown]
 # (Marks are moved sideways to be seen; below each group is the number of its objects.) Of objects of
 # which less than 60 % is seen, hardly any is right. The refiner gains most in the last group, where
-# next to nothing is hidden.
+# next to nothing is hidden, and less the more is hidden: that far the paper's rule has a point.
 
 # %% [markdown]
 # ### Which object fails, and why?
@@ -2333,28 +2334,30 @@ charts.by_visibility(comparison.BINS, lines, counts)
 
 # %%
 def apart(split, key):
-    """Along the ray and across, in diameters, of OPEPL; the object's size in pixels."""
+    """Along the ray (too far) and across, in diameters, of OPEPL; the object's size in pixels."""
     data, row, model = training.stack(split), rows_of(split)[key], model_of[key[1]]
     R, t = refined[split][key].first
     c = data.R[row].numpy() @ model.keypoints[-1] + data.t[row].numpy()
     gap = (R @ model.keypoints[-1] + t - c) / model.diameter
     ray = c / np.linalg.norm(c)
-    along = abs(gap @ ray)
+    along = gap @ ray
     size = training.camera(split, key[0])[0, 0] * model.diameter / c[2]
     return along, np.linalg.norm(gap - (gap @ ray) * ray), size, 0.1 * model.diameter / c[2] * size
 
 
 # %%
-print(f"{'':18}{'right':>6}{'missed':>8}{'along':>8}{'across':>8}{'size':>9}{'10 % is':>11}")
+print(f"{'':18} right missed  along across  too far     size   10 % is")
 for split in comparison.SPLITS:
     done = results["OPEPL", split]
     for model, name in zip(three, names, strict=True):
         own = [key for key in done if key[1] == model.object_id]
         here = [key for key in own if key in refined[split]]
         right = np.mean([done[key].right for key in own])
-        middle = np.median([apart(split, key) for key in here] or [[np.nan] * 4], axis=0)
-        print(f"{split:10}{name:8}{right:6.0%}{1 - len(here) / len(own):8.0%}", end="")
-        print(f"{middle[0]:8.1%}{middle[1]:8.1%}{middle[2]:6.0f} px{middle[3]:8.1f} px")
+        gaps = np.array([apart(split, key) for key in here] or [[np.nan] * 4])
+        middle, far = np.median(abs(gaps), axis=0), np.mean(gaps[:, 0] > 0)
+        print(f"{split:10}{name:8}{right:6.0%}{1 - len(here) / len(own):7.0%}", end="")
+        print(f"{middle[0]:7.1%}{middle[1]:7.1%}{far:9.0%}", end="")
+        print(f"{middle[2]:6.0f} px{middle[3]:7.1f} px")
         if scale() == "book":
             assert middle[0] > middle[1]
 
