@@ -235,10 +235,6 @@ best = points[counts.argmax()]
 assert (best - keypoint).norm() < 8
 
 # %% [markdown]
-# The noise is of 3 degrees. Where 37 are allowed, pixels vote for crossings far from the tip as well.
-# Where 0.8 are allowed, most of those that mean the tip do not vote for it. PVNet's 0.99 lies in
-# between.
-#
 # The winner is one crossing of two noisy rays: its error is a matter of luck. The library goes on
 # as PVNet does. It takes all who voted for the winner, and the point of least squares of their
 # lines. Is that better? Draw the pairs anew, eight times:
