@@ -54,7 +54,7 @@ draw.question(crowd, behind.mask, behind.full_mask, hidden)
 # | 7 | from a picture to poses | `systems` |
 # | 8 | a refiner, and the rule when to let it | `refinement`, `nets.pose_refiner` |
 # | 9 | what goes right and wrong, and why | `metrics` |
-# | 10 | the paper's claims, and how to measure them | the book's ledger |
+# | 10 | the paper's claims, measured | the book's ledger |
 #
 # You need chapter 1's cameras, PnP, ADD and ADD-S. Everything on this page runs in a few minutes.
 
@@ -225,7 +225,8 @@ assert distance(x) > 5 * distance(cases["0 lost"][3]["least squares"])
 draw.rays(teapot.mask, x_tip, cases)
 
 # %% [markdown]
-# Without lost rays, least squares comes near. (Why not nearer? See below.) With them it is far off, though seven of ten rays still mean the tip: the lost ones pull it back to where they start.
+# Without lost rays, least squares comes near. (Why not nearer? See below.) With them it is far off,
+# though seven of ten rays still mean the tip: the lost ones pull it back to where they start.
 # The **square** is to blame. A line at a distance of 30 px pulls 30 times as hard as one at 1 px,
 # so those that are most wrong have the most to say.
 #
@@ -2112,7 +2113,8 @@ for name, pose in chain.items():
 # wrong by chance. Most are wrong along the ray (section 9), and wrong *together* with the arrows that
 # the refiner looks at, for they come from these. So half of its poses are made wrong by chance, by up
 # to 20 degrees, and half are those that the system itself finds in `train`. The paper does not say
-# what it did; section 10 measures how much it matters.
+# what it did. In a trial with one network, of which 60.0 % were right on `easy`, chance alone led to
+# 67.5 %, and both together to 79.1 %. (Section 10 asks the same of three networks.)
 #
 # ### When not to refine
 #
@@ -2429,7 +2431,7 @@ ledger_table(rows)
 #   `occluded`, where seeds differ by more than that.
 # - **When to begin** is another story than in section 3. There arrows that were caught on the wrong
 #   side were lost. Here the loss as printed is as good as ours, and best on average is a weight of
-#   0.05 from the first step on. The seeds overlap, but nothing speaks for beginning late.
+#   0.05 from the first step on, with arrows that point away left out. The seeds overlap, but nothing speaks for beginning late.
 # - **Pixels or unit vectors**: pixels are better on average, within the spread.
 # - **Least squares of angles** is better than that of lines in each seed, by 3.6 points on `easy`.
 # - **Covariances in PnP** gain nothing on average; for the network that the book ships they gained
