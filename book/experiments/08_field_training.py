@@ -96,8 +96,12 @@ def new_net(seed: int = 0) -> VectorFieldNet:
 
 
 @lru_cache(maxsize=1)
-def pool() -> Pool:
-    """The windows of every training: each object that is seen in `train` about 16 times."""
+def pool(elsewhere: float = 0.0) -> Pool:
+    """The windows of a training: each object that is seen in `train` about 16 times.
+
+    Args:
+        elsewhere: as for `Windows`.
+    """
     count = choose(tiny=4, book=64, paper=64)
     windows = Windows(
         stack("train"),
@@ -110,6 +114,7 @@ def pool() -> Pool:
         visible=0.15,
         shift=0.22,
         zoom=size()[0] / stack("train").size[0],
+        elsewhere=elsewhere,
     )
     return Pool(windows, steps=1, count=1)
 
@@ -120,6 +125,7 @@ def train_net(
     begin: float = 0.0,
     forward_only: bool = False,
     *,
+    elsewhere: float = 0.0,
     seed: int = 0,
     steps: int,
     show: bool | None = False,
@@ -129,6 +135,7 @@ def train_net(
 
     Args:
         projection, weight, begin, forward_only: as for `VectorFieldLoss`.
+        elsewhere: the part of the windows that are anywhere.
         seed: of weights, and of which windows come when.
         steps: of 32 windows.
         show: as for `fit`.
@@ -138,9 +145,10 @@ def train_net(
     count = choose(tiny=4, book=32, paper=32)
     loss = VectorFieldLoss(projection, weight, begin, forward_only)
     recipe = {"projection": projection, "weight": weight, "begin": begin, "forward": forward_only}
+    details = (*recipe.values(), elsewhere, seed, steps)
     history = fit(
         net,
-        pool().drawn(steps=steps, count=count, seed=seed),
+        pool(elsewhere).drawn(steps=steps, count=count, seed=seed),
         Objective(models(), loss),
         steps=steps,
         lr=choose(tiny=1e-3, book=8e-3, paper=1e-3),
@@ -149,7 +157,7 @@ def train_net(
         clip=10.0,
         seed=seed,
         device="cpu",
-        resume=resume_folder(train_net, *recipe.values(), seed, steps) if keep else None,
+        resume=resume_folder(train_net, *details) if keep else None,
         recipe=recipe,
         show=show,
     )

@@ -38,7 +38,7 @@ class Plan:
         pixels: of each object in a window that the loss looks at; None for all.
         looks: how often each object of an image is cut into the `Pool` of windows, about; None for
             no pool, but windows cut anew for every step.
-        visible, shift: of `Windows`.
+        visible, shift, elsewhere: of `Windows`.
         augment: how images are varied, for the refiner too.
         begin, forward_only: of `VectorFieldLoss`, where the command is not told.
         optimiser: of the field; that of the refiner is Adam.
@@ -57,6 +57,7 @@ class Plan:
     looks: int | None = None
     visible: float = 0.1
     shift: float = 0.3
+    elsewhere: float = 0.0
     augment: Augmentation
     begin: float = 0.0
     forward_only: bool = False
@@ -74,7 +75,7 @@ class Plan:
 
 # Numbers of chapter 8's experiments.
 SMALL = {
-    "visible": 0.15, "shift": 0.22, "augment": MILD,
+    "visible": 0.15, "shift": 0.22, "elsewhere": 0.15, "augment": MILD,
     "begin": 0.15, "forward_only": True, "optimiser": Muon,
 }  # fmt: skip
 PLANS = {

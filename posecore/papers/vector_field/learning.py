@@ -72,10 +72,13 @@ class Windows(_Drawn):
 
     The network is convolutional: what it learns in windows it says of whole images. A window is a
     few times as large as the object in it, which is anywhere in it, so little is spent on
-    background. It can be resumed: all that is random in a batch follows from seed and step.
+    background. A network that has only seen such windows may find its objects on a bare table, and
+    `elsewhere` puts some windows anywhere. It can be resumed: all that is random in a batch follows
+    from seed and step.
 
     Args:
-        data: `data_tools.batches.Stack`, or what has its `rows`, `view`, `box` and `frames`.
+        data: `data_tools.batches.Stack`, or what has its `rows`, `view`, `box`, `size` and
+            `frames`.
         models: the objects of the network; others count as background.
         steps: batches in all.
         count: windows in a batch.
@@ -85,6 +88,7 @@ class Windows(_Drawn):
         visible: the least visible fraction of the object that a window is put around.
         shift: how far its middle may be from that of the window, as part of the window's sides.
         zoom: pixels of a window for one of the image. Below 1 windows show more and cost less.
+        elsewhere: the part of the windows, 0 to 1, whose middles are anywhere in the images.
 
     Yields:
         A dict of tensors: for each of B windows "rgb" (B, 3, h, w), "K" (B, 3, 3) and "instance"
@@ -110,10 +114,12 @@ class Windows(_Drawn):
         visible: float = 0.1,
         shift: float = 0.3,
         zoom: float = 1.0,
+        elsewhere: float = 0.0,
     ) -> None:
         super().__init__(steps, count, seed)
         self.shift = require_number("shift", shift, 0, 1)
         self.zoom = require_number("zoom", zoom, above=0)
+        self.elsewhere = require_number("elsewhere", elsewhere, 0, 1)
         sides = size if isinstance(size, Sequence) else (size, size)
         if len(sides) != 2:
             fail("size", "width and height, or one number", size)
@@ -130,6 +136,10 @@ class Windows(_Drawn):
         sides = torch.tensor(self.size, dtype=boxes.dtype) / self.zoom
         away = 2 * torch.rand(self.count, 2, generator=generator, dtype=boxes.dtype) - 1
         middle = boxes[:, :2] + boxes[:, 2:] / 2 + self.shift * away * sides
+        if self.elsewhere:
+            chance = torch.rand(self.count, 3, generator=generator, dtype=boxes.dtype)
+            anywhere = chance[:, 1:] * torch.tensor(self._data.size, dtype=boxes.dtype)
+            middle = torch.where(chance[:, :1] < self.elsewhere, anywhere, middle)
         windows = torch.cat([middle - sides / 2, sides.expand(self.count, 2)], 1)
         batch = self._data.frames(
             views, self.size, boxes=windows, augment=self._augment, generator=generator

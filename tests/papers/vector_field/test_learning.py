@@ -243,6 +243,37 @@ def test_training_lowers_the_loss(stack, models):
     assert mask[-5:].mean() < 0.7 * mask[:5].mean()
 
 
+def test_windows_elsewhere(windows, stack, models):
+    """None without asking, and then some; what they show is still what their labels say."""
+
+    def shown(**options):
+        batch = next(iter(windows(count=32, size=24, shift=0, visible=0.5, **options)))
+        known = torch.isin(batch["object_id"], torch.tensor(IDS)).any(1)
+        seen = torch.stack([
+            torch.isin(row[labels.clamp(min=0)], torch.tensor(IDS))[labels >= 0].any()
+            for row, labels in zip(batch["object_id"], batch["instance"], strict=True)
+        ])  # fmt: skip
+        return batch, float((known & seen).double().mean())
+
+    first, always = shown()
+    again, same_share = shown(elsewhere=0.0)
+    assert same(first, again) and always == same_share == 1
+    _, some = shown(elsewhere=0.5)
+    batch, rare = shown(elsewhere=1.0)
+    assert rare < some < always and rare < 0.5
+    middles = (torch.tensor([11.5, 11.5]) - batch["K"][:, :2, 2]) / batch["K"][:, [0, 1], [0, 1]]
+    whole = stack.frames(torch.tensor([0]))["K"][0]
+    pixels = middles * whole[[0, 1], [0, 1]] + whole[:2, 2]
+    width, height = stack.size
+    assert bool((pixels >= -1).all()) and bool((pixels <= torch.tensor([width, height])).all())
+    assert pixels[:, 0].max() - pixels[:, 0].min() > 0.6 * width  # and not only in the middle
+    with seeded(0):
+        net = VectorFieldNet(2, width=8)
+    losses = Objective(models)(net, batch)
+    losses["loss"].backward()
+    assert all(p.grad is not None and p.grad.isfinite().all() for p in net.parameters())
+
+
 def test_windows_without_an_object_of_the_network(models):
     """They have a mask to learn, and no vectors."""
     batch = {
@@ -273,6 +304,8 @@ BAD = [
     ({"shift": np.nan}, "shift"),
     ({"visible": 2}, "visible"),
     ({"zoom": 0}, "zoom"),
+    ({"elsewhere": 1.5}, "elsewhere"),
+    ({"elsewhere": np.nan}, "elsewhere"),
 ]
 
 
