@@ -36,9 +36,8 @@ keypoints, patches, question = fields_of.keypoints, fields_of.patches, fields_of
 crop, window, show_crop = fields_of.crop, fields_of.window, fields_of.show_crop
 Window = tuple[int, int, int, int]
 TRUTH = {"marker": "o", "ms": 13, "mfc": "none", "mec": INK, "mew": 1.8, "ls": "none"}
-POINTS = {  # a marker for each way to find a point
+POINTS = {  # a marker for each way to find a point, whatever comes after a comma in its name
     "least squares": {"marker": "D", "color": COLOURS[1], "ms": 9, "mec": "white"},
-    "least squares, all rays": {"marker": "D", "color": COLOURS[1], "ms": 9, "mec": "white"},
     "RANSAC": {"marker": "X", "color": COLOURS[2], "ms": 11, "mec": "white"},
 }
 
@@ -143,7 +142,8 @@ def rays(
             # A point outside is drawn on the border, with its distance in the legend all the same.
             inside = np.clip(place, np.add(box[:2], 1), np.subtract(box[2:], 2))
             off = np.linalg.norm(place - x)
-            axes.plot(*inside, ls="none", label=f"{name}: {off:.1f} px off", **POINTS[name])
+            mark = POINTS[name.partition(",")[0]]
+            axes.plot(*inside, ls="none", label=f"{name}: {off:.1f} px off", **mark)
         axes.plot(*x, **TRUTH, label="the tip")
         axes.set_title(title, fontsize=11)
         axes.legend(fontsize=8, loc="lower right", framealpha=0.95)

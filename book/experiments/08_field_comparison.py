@@ -13,15 +13,15 @@ import torch
 from torch import Tensor
 
 from posecore.book.checkpoints import resume_folder
-from posecore.papers.vector_field.masked_fields import MaskedFields
-from posecore.papers.vector_field.network import VectorFieldNet
-from posecore.papers.vector_field.refinement import FieldRefiner
-from posecore.papers.vector_field.refiner_training import (
-    RefinerTraining,
+from posecore.papers.vector_field.frozen_fields import (
     look_at_views,
     own_poses,
     weights_digest,
 )
+from posecore.papers.vector_field.masked_fields import MaskedFields
+from posecore.papers.vector_field.network import VectorFieldNet
+from posecore.papers.vector_field.refinement import FieldRefiner
+from posecore.papers.vector_field.refiner_training import RefinerTraining
 from posecore.papers.vector_field.systems import SYSTEMS, Estimate, VectorFieldSystem
 from posecore.registration import pnp
 from posecore.scale import choose
@@ -49,7 +49,7 @@ __all__ = [
 
 SPLITS = ("easy", "occluded")
 STEPS = {"tiny": 20, "book": 1600, "paper": 250_000}
-REFINER_STEPS = {"tiny": 20, "book": 1000, "paper": 50_000}
+REFINER_STEPS = {"tiny": 20, "book": 2000, "paper": 50_000}
 LOSSES: dict[str, tuple] = {
     "none": ("none", 0.0),
     "pixel": ("pixel", "dynamic", 0.15, True),
@@ -107,9 +107,9 @@ def compare_systems(seed: int) -> dict[str, float]:
     That one has never begun with poses of the system itself.
     """
     net = trained("pixel", seed)
-    steps, seen = choose(**REFINER_STEPS), training_fields(net)
+    steps = choose(**REFINER_STEPS)
     refiner, by_chance = (
-        train_refiner(net, seen, own=own, seed=seed, steps=steps) for own in (True, False)
+        train_refiner(net, own=own, seed=seed, steps=steps) for own in (True, False)
     )
     system = VectorFieldSystem.named("OPEPL-R", net, training.models(), refiner, fit=FIT)
     other = VectorFieldSystem.named("OPEPL-R", net, training.models(), by_chance, fit=FIT)
@@ -151,12 +151,11 @@ def new_refiner(seed: int = 0) -> FieldRefiner:
     """A refiner of the three objects, with its first weights."""
     with seeded(seed):
         width = choose(tiny=4, book=16, paper=64)
-        return FieldRefiner(training.models(), width, iterations=3)
+        return FieldRefiner(training.models(), width)
 
 
 def train_refiner(
     net: VectorFieldNet,
-    seen: Seen | None = None,
     *,
     own: bool = True,
     seed: int = 0,
@@ -167,23 +166,27 @@ def train_refiner(
 
     Args:
         net: says the fields.
-        seen: `training_fields` of it, where they are at hand.
         own: whether half of the poses to begin with are those that the system itself finds. All
             others are true ones made wrong by chance.
         seed: of weights and of chance.
         steps: of 64 objects.
         keep: whether a training that was stopped goes on, and a finished one is found again.
     """
-    refiner, models = new_refiner(seed), training.models()
-    seen = training_fields(net) if seen is None else seen
-    system = VectorFieldSystem(net, models, fit=FIT)
-    poses = own_poses(system, seen, show=False) if own else None
-    learning = RefinerTraining(seen, models, poses, size=choose(tiny=8, book=64, paper=64))
+    refiner = new_refiner(seed)
     names = (own, seed, steps, weights_digest(net))
+
+    @lru_cache(maxsize=1)
+    def learning() -> RefinerTraining:
+        """Not before it is wanted: a training that is found again needs none."""
+        seen, models = training_fields(net), training.models()
+        system = VectorFieldSystem(net, models, fit=FIT)
+        poses = own_poses(system, seen, show=False) if own else None
+        return RefinerTraining(seen, models, poses, size=choose(tiny=8, book=64, paper=64))
+
     fit(
         refiner,
-        learning.batches,
-        learning.loss,
+        lambda generator: learning().batches(generator),
+        lambda model, batch: learning().loss(model, batch),
         steps=steps,
         lr=1e-3,
         clip=1.0,
@@ -195,6 +198,7 @@ def train_refiner(
     return refiner
 
 
+@lru_cache(maxsize=1)
 def training_fields(net: VectorFieldNet) -> Seen:
     """What a network says of the training images, each varied once."""
     return look_at_views(

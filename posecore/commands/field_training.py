@@ -18,16 +18,16 @@ from posecore.arrays import fail, require_integer, require_number
 from posecore.commands.field_plans import PLANS, Plan
 from posecore.commands.field_runs import Run, read_run
 from posecore.commands.sources import open_source
-from posecore.papers.vector_field.learning import Objective, Pool, Windows
-from posecore.papers.vector_field.losses import VectorFieldLoss
-from posecore.papers.vector_field.models import object_models
-from posecore.papers.vector_field.network import VectorFieldNet
-from posecore.papers.vector_field.refiner_training import (
-    RefinerTraining,
+from posecore.papers.vector_field.frozen_fields import (
     look_at_views,
     own_poses,
     weights_digest,
 )
+from posecore.papers.vector_field.learning import Objective, Pool, Windows
+from posecore.papers.vector_field.losses import VectorFieldLoss
+from posecore.papers.vector_field.models import object_models
+from posecore.papers.vector_field.network import VectorFieldNet
+from posecore.papers.vector_field.refiner_training import RefinerTraining
 from posecore.papers.vector_field.systems import VectorFieldSystem
 from posecore.scale import scale
 from posecore.training import fit, seeded
@@ -200,6 +200,7 @@ def _batches(task: _Task) -> Windows | Pool:
         augment=plan.augment,
         visible=visible,
         shift=plan.shift,
+        elsewhere=plan.elsewhere,
     )
     return windows if plan.looks is None else Pool(windows, **draws)
 

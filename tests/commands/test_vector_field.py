@@ -27,7 +27,7 @@ from posecore.commands import field_estimates, field_training
 from posecore.commands.field_plans import PLANS, halved
 from posecore.commands.field_runs import read_run
 from posecore.nets.resnet import ResNet
-from posecore.papers.vector_field import refiner_training
+from posecore.papers.vector_field import frozen_fields
 from posecore.papers.vector_field.learning import Objective, Pool, Windows
 from posecore.papers.vector_field.losses import VectorFieldLoss
 from posecore.papers.vector_field.masked_fields import look_at
@@ -563,7 +563,7 @@ def test_a_field_that_sees_nothing(source, tmp_path, capsys, monkeypatch):
     def blind(net, images):
         return look_at(net, images, min_pixels=10**6)
 
-    monkeypatch.setattr(refiner_training, "look_at", blind)
+    monkeypatch.setattr(frozen_fields, "look_at", blind)
     words = training(source, tmp_path / "run", "--steps", "1")
     assert main(words) == 2
     assert "--steps: expected enough" in capsys.readouterr().err

@@ -159,7 +159,7 @@ class FieldRefiner(nn.Module):
         models: Sequence[ObjectModel],
         width: int = 16,
         points: int = 200,
-        iterations: int = 2,
+        iterations: int = 3,
         residual: bool = True,
     ) -> None:
         super().__init__()

@@ -10,19 +10,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from posecore import cameras, metrics, poses
-from posecore.papers.vector_field import refiner_training
+from posecore.papers.vector_field import frozen_fields
+from posecore.papers.vector_field.frozen_fields import look_at_views, own_poses, weights_digest
 from posecore.papers.vector_field.masked_fields import MaskedFields, look_at
 from posecore.papers.vector_field.models import ObjectModel
 from posecore.papers.vector_field.network import VectorFieldNet
 from posecore.papers.vector_field.refinement import FieldRefiner
-from posecore.papers.vector_field.refiner_training import (
-    RefinerTraining,
-    look_at_views,
-    own_poses,
-    perturb,
-    pose_loss,
-    weights_digest,
-)
+from posecore.papers.vector_field.refiner_training import RefinerTraining, perturb, pose_loss
 from posecore.papers.vector_field.systems import VectorFieldSystem
 from posecore.training import fit, seeded
 
@@ -235,7 +229,7 @@ def test_images_in_which_nothing_is_seen_are_left_out(net, monkeypatch):
         calls.append(len(images))
         return look_at(net, images, min_pixels=20 if len(calls) == 2 else 10**6)
 
-    monkeypatch.setattr(refiner_training, "look_at", blind)
+    monkeypatch.setattr(frozen_fields, "look_at", blind)
     assert [len(batch["K"]) for _, batch in look_at_views(net, Photos(20))] == [8]
     assert calls == [8, 8, 4]
     assert look_at_views(net, Photos(3)) == []
