@@ -97,9 +97,13 @@ MEASUREMENTS = {
 
 
 def train_field() -> dict[str, Tensor]:
-    """The network that the page ships: longer than those that are compared, in half precision."""
+    """The network that the page ships: longer than those that are compared, in half precision.
+
+    With the loss that was the best of them; and from windows anywhere it learns what a bare table
+    is, which in those of the comparison it takes for a vase now and then.
+    """
     steps = choose(tiny=20, book=11_000, paper=250_000)
-    net, _ = training.train_net(*comparison.LOSSES["pixel"], seed=0, steps=steps)
+    net, _ = training.train_net(*comparison.LOSSES["constant"], elsewhere=0.15, steps=steps)
     return _halved(net.state_dict())
 
 
