@@ -165,7 +165,7 @@ def by_visibility(
     axes.set_xticks(range(len(spans)), labels)
     axes.set(xlabel="visible part of the object", ylabel="right, %", ylim=(0, 103))
     axes.grid(alpha=0.3, axis="y")
-    axes.legend(fontsize=9, loc="lower right")
+    axes.legend(fontsize=9, loc="upper left")
     return figure
 
 
