@@ -265,8 +265,9 @@ def residuals(
     ):
         arrows = length * vectors[some]
         axes.quiver(*pixels[some].T, *arrows.T, color=colour, label=name, **look)
-    middle.plot(*ends[1], "s", mfc=COLOURS[0], mec="white", ms=9, mew=1.6)
-    middle.plot(*ends[0], "o", mfc=COLOURS[4], mec=INK, ms=9, mew=1.6)
+    look = {"ls": "none", "ms": 9, "mew": 1.6}
+    middle.plot(*ends[1], "s", mfc=COLOURS[0], mec="white", label="the tip by the pose", **look)
+    middle.plot(*ends[0], "o", mfc=COLOURS[4], mec=INK, label="the tip in truth", **look)
     for axes in (left, middle, right):
         axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=1)
     return figure

@@ -49,7 +49,7 @@ def mended(first: np.ndarray, last: np.ndarray, overlap: np.ndarray, threshold: 
         axes.yaxis.set_ticks([0.1, 1, 10], ["/ 10", "same", "x 10"])
         axes.set_title(name, fontsize=10)
         axes.set_xlabel("ADD(-S) before, of the diameter")
-    panels[0].set_ylabel("after refining")
+    panels[0].set_ylabel("error after refining, over before")
     return figure
 
 
@@ -163,7 +163,8 @@ def by_visibility(
         spans if counts is None else [f"{s}\n({n})" for s, n in zip(spans, counts, strict=True)]
     )
     axes.set_xticks(range(len(spans)), labels)
-    axes.set(xlabel="visible part of the object", ylabel="right, %", ylim=(0, 103))
+    top = max(float(np.nanmax(values, initial=0)) for values in right.values())
+    axes.set(xlabel="visible part of the object", ylabel="right, %", ylim=(0, 8 + 1.05 * top))
     axes.grid(alpha=0.3, axis="y")
     axes.legend(fontsize=9, loc="upper left")
     return figure
