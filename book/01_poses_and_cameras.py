@@ -14,10 +14,9 @@
 # %%
 import numpy as np
 
+from book.ch01_poses_and_cameras.drawing import scenes as draw
 from posecore import cameras, figures, metrics, poses, registration, rotations
-from posecore.book.parts import drawing
 
-draw = drawing("01_poses_and_cameras")
 photo = draw.photograph()
 draw.question(photo)
 
@@ -582,7 +581,8 @@ draw.icp_starts(shot, some, turns, ends, last, shown=turns.tolist().index(100))
 # beside it serve, whatever data you have: with exact poses, every surprise is the measure's own.
 
 # %%
-chart = drawing("01_measuring")
+from book.ch01_poses_and_cameras.drawing import measuring as chart
+
 mug, can = chart.mug(), chart.can()
 K, R_gt, t_gt, points = mug.K, mug.R, mug.t, mug.points  # gt: ground truth
 

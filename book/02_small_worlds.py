@@ -15,12 +15,13 @@
 import numpy as np
 
 import data_tools
+from book.ch02_small_worlds.drawing import page
+from book.ch02_small_worlds.drawing import rasteriser as draw
+from book.ch02_small_worlds.drawing import worlds as tour
 from data_tools import renderer, sensors, shapes
 from posecore import cameras, metrics, poses, rotations
-from posecore.book.parts import drawing
 from posecore.scale import scale
 
-page, draw, tour = drawing("02_small_worlds"), drawing("02_rasteriser"), drawing("02_worlds")
 page.question()
 
 # %% [markdown]
@@ -697,7 +698,8 @@ print(f"smoothing changes {100 * changed.mean():.0f} % of the pixels")
 # far ones are taken with a longer lens, so that all are equally large.
 
 # %%
-light = drawing("02_light")
+from book.ch02_small_worlds.drawing import light
+
 person, eyewear = shapes.make_subject(1), shapes.make_glasses("round")
 driver = [renderer.prepare(mesh) for mesh in (eyewear, person.head, person.torso)]
 lamp = renderer.Light((0.04, 0, 0), power=0.5, radius=0)  # 4 cm beside the camera
@@ -1051,7 +1053,8 @@ print("yaw, pitch, roll:", np.degrees([yaw, pitch, roll]).round(1), "degrees")
 # first use the split is made, which takes a minute or so; afterwards it is read from disk.)
 
 # %%
-counts = drawing("02_statistics")
+from book.ch02_small_worlds.drawing import statistics as counts
+
 test = list(data_tools.open("headset", split="test"))
 centres = [view for view in test if view.image_id % 3 == 1]
 angles = np.array([headset.head_angles(view) for view in centres])  # (N, 3)
@@ -1311,7 +1314,8 @@ from data_tools.worlds import categories
 synthetic = list(data_tools.open("categories", split="synthetic"))
 shifted = list(data_tools.open("categories", split="shifted"))
 
-gallery = drawing("02_categories")
+from book.ch02_small_worlds.drawing import categories as gallery
+
 rows = {"synthetic": synthetic[12:18], "another": synthetic[18:24], "shifted": shifted[:6]}
 gallery.strip(rows)
 
@@ -1708,8 +1712,8 @@ page.films(images, who, errors, every=10)
 # 3 % for testing:
 
 # %%
-from posecore.book.claims import ledger_table
-from posecore.book.ledger import all_rows
+from book.tools.claims import ledger_table
+from book.tools.ledger import all_rows
 
 ledger_table(all_rows().get("02_small_worlds", []))
 

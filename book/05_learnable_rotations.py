@@ -15,11 +15,12 @@
 import numpy as np
 import torch
 
+from book.ch05_learnable_rotations.drawing import codec as codes
+from book.ch05_learnable_rotations.drawing import continuity as draw
+from book.ch05_learnable_rotations.drawing import results
 from posecore import metrics, rotations
-from posecore.book.parts import drawing
 from posecore.scale import choose, scale
 
-draw, codes, results = (drawing(f"05_{name}") for name in ("continuity", "codec", "results"))
 draw.question()
 
 # %% [markdown]
@@ -1369,7 +1370,7 @@ for loss in LOSSES:
 # book, for whoever wants its codes as targets. With `POSECORE_RETRAIN=1` it is trained anew.
 
 # %%
-from posecore.book.checkpoints import load_or_train
+from book.tools.checkpoints import load_or_train
 
 shipped = load_or_train("05_learnable_rotations", "codec", RotationCodec())
 off_by = {}
@@ -1490,8 +1491,8 @@ if scale() == "book":
 # nearly the means themselves. Of the largest errors, 6D and the learnable head have changed places.
 
 # %%
-from posecore.book.claims import ledger_table
-from posecore.book.ledger import all_rows
+from book.tools.claims import ledger_table
+from book.tools.ledger import all_rows
 
 rows = all_rows().get("05_learnable_rotations", [])
 results.table_iv(results.measured(rows, "self_regression"))

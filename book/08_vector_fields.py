@@ -16,12 +16,13 @@ import numpy as np
 import torch
 
 import data_tools
+from book.ch08_vector_fields.drawing import losses as gradients
+from book.ch08_vector_fields.drawing import results as charts
+from book.ch08_vector_fields.drawing import voting as draw
 from posecore import cameras, metrics, poses
-from posecore.book.parts import drawing
-from posecore.papers.vector_field import fields, keypoints, losses, network, voting
+from posecore.methods.vector_field import fields, keypoints, losses, network, voting
 from posecore.scale import choose, scale
 
-draw, gradients, charts = (drawing(f"08_{name}") for name in ("voting", "losses", "results"))
 scenes = data_tools.open("tabletop", split="occluded", whole=False)  # makes only what is looked at
 crowd = scenes[9]
 behind = next(item for item in crowd.objects if item.object_id == 5)
@@ -1176,7 +1177,7 @@ assert (logit.sigmoid()[:2] > 0.98).all()
 # pixel.
 
 # %%
-layers = drawing("08_network")
+from book.ch08_vector_fields.drawing import network as layers
 
 
 def sizes_of(net, width, height):
@@ -1441,9 +1442,10 @@ assert seconds(lambda: gathered(some)) < seconds(everywhere)
 # is the PnP of chapter 1.
 
 # %%
+from book.ch01_poses_and_cameras.drawing import photographs
 from posecore.registration import pnp, uncertainty_pnp
 
-photo = drawing("01_photographs").photograph()
+photo = photographs.photograph()
 x = cameras.project(photo.K, poses.apply(photo.R, photo.t, photo.keypoints))
 rows, columns = np.nonzero(photo.mask)
 places = np.stack([columns, rows], -1).astype(float)
@@ -1566,10 +1568,8 @@ charts.real(photo, to_first, x, votes.points, votes.covariances, (found.R, found
 # diameter, and which of its poses look alike. Of the vase these are a full turn in small steps.
 
 # %%
-import importlib
-
-training = importlib.import_module("book.experiments.08_field_training")
-looks = drawing("08_estimates")
+from book.ch08_vector_fields import field_training as training
+from book.ch08_vector_fields.drawing import estimates as looks
 
 three, names = training.models(), training.NAMES
 drill, vase, teapot_model = three
@@ -1590,7 +1590,7 @@ assert vase.symmetric and not drill.symmetric and not teapot_model.symmetric
 # window that shows as much costs half as much.
 
 # %%
-from posecore.papers.vector_field.learning import Objective, Pool, Windows
+from posecore.methods.vector_field.learning import Objective, Pool, Windows
 
 tables = training.stack("easy")
 size, zoom = choose(tiny=64, book=64, paper=256), training.size()[0] / tables.size[0]
@@ -1743,7 +1743,7 @@ history = fit(
 # finds best. Where the network's file is not at hand, or at another scale, it is trained here.
 
 # %%
-from posecore.book.checkpoints import load_or_train
+from book.tools.checkpoints import load_or_train
 
 net = load_or_train("08_vector_fields", "field", training.new_net())
 stages[f"after {steps} steps"] = look_at_all(trial)
@@ -1889,8 +1889,8 @@ for name, pose in by_hand.items():
 # incorporating projection loss".
 
 # %%
-from posecore.papers.vector_field.masked_fields import look_at
-from posecore.papers.vector_field.systems import VectorFieldSystem
+from posecore.methods.vector_field.masked_fields import look_at
+from posecore.methods.vector_field.systems import VectorFieldSystem
 
 opepl = VectorFieldSystem.named("OPEPL", net, three, fit="angles")
 seen = look_at(net, first["rgb"], precision="float32")  # masks, and arrows at their pixels only
@@ -1923,8 +1923,7 @@ looks.pose(rgb, K, drawn, f"Boxes are around what was found: {known}.")
 # PnP get it right, and what is a typical error?
 
 # %%
-comparison = importlib.import_module("book.experiments.08_field_comparison")
-outcomes = importlib.import_module("book.experiments.08_field_outcomes")
+from book.ch08_vector_fields import comparison, outcomes
 
 
 def rows_of(split):
@@ -1977,9 +1976,9 @@ if scale() == "book":
 # at a time; medians in milliseconds:
 
 # %%
-from posecore.papers.vector_field.systems import STAGES
+from book.ch08_vector_fields import speed
+from posecore.methods.vector_field.systems import STAGES
 
-speed = importlib.import_module("book.experiments.08_field_speed")
 rows = tables.rows(object_id=training.OBJECTS, visible=0.5)
 shown = torch.bincount(tables.view[rows], minlength=len(tables))
 views = shown.argsort(descending=True, stable=True)[: choose(tiny=2, book=10, paper=20)]
@@ -2030,8 +2029,8 @@ for n in (1, 2, 3):
 from itertools import pairwise
 
 from posecore import rotations
-from posecore.papers.vector_field import refinement
-from posecore.papers.vector_field.masked_fields import MaskedFields
+from posecore.methods.vector_field import refinement
+from posecore.methods.vector_field.masked_fields import MaskedFields
 
 refiner = load_or_train("08_vector_fields", "refiner", comparison.new_refiner())
 teapot_points = refiner.points[2].double().numpy()  # (N, 3), chosen by farthest point sampling
@@ -2404,8 +2403,8 @@ for split in comparison.SPLITS:
 # paper's numbers: other objects, real pictures.)
 
 # %%
-from posecore.book.claims import ledger_table
-from posecore.book.ledger import all_rows
+from book.tools.claims import ledger_table
+from book.tools.ledger import all_rows
 
 rows = all_rows().get("08_vector_fields", [])
 of_losses, of_systems, of_speed = (

@@ -1,7 +1,7 @@
 """Every notebook of the book is a test: nbval runs it at `tiny`, in the same world for everybody.
 
 The options of nbval stand in pyproject.toml. A cell fails if it raises, so correctness lies in the
-assertions on the page; what nbval passes over, `book.making.checking` refuses.
+assertions on the page; what nbval passes over, `book.tools.checking` refuses.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from book.making.execution import environment
+from book.tools.execution import environment
 
 collect_ignore = ["my_work", "_build"]
 

@@ -18,9 +18,9 @@
 # book itself, and every number that we measured was printed by a cell beside it.
 
 # %%
-from posecore.book.parts import drawing
 
-draw = drawing("index")
+from book.ch00_index.drawing import the_map as draw
+
 draw.map_of_the_book()
 
 # %% [markdown]
@@ -106,8 +106,8 @@ print("This page runs at scale:", scale())
 # marked stale when the code that measured it has changed since.
 
 # %%
-from posecore.book.claims import ledger_table
-from posecore.book.ledger import all_rows
+from book.tools.claims import ledger_table
+from book.tools.ledger import all_rows
 
 ledger_table(all_rows())
 

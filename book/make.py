@@ -12,8 +12,8 @@ in an editor or in JupyterLab. Then, for every page NN that you touched:
 Solutions are written in solutions/NN_name.py; exercises are generated from them, never edited.
 A new page is named in site/contents.toml. What belongs to it beside source and solutions:
 
-  drawing/NN_*.py          its figures              (posecore.book.parts.drawing loads them)
-  checks/NN_name.py        checks of its exercises  (posecore.book.checks says how)
+  drawing/NN_*.py          its figures              (book.tools.parts.drawing loads them)
+  checks/NN_name.py        checks of its exercises  (book.tools.checks says how)
   experiments/NN_name.py   what `claims` measures and `train` trains  (making/ledgers.py says how)
 """
 
@@ -28,13 +28,13 @@ from pathlib import Path
 # Not the folder of this script, whose `site` and `checks` others could mistake for their own.
 sys.path[0] = str(Path(__file__).resolve().parents[1])
 
-from book.making.contents import BOOK, Page, find_page, pages  # noqa: E402
+from book.tools.contents import BOOK, Page, find_page, pages  # noqa: E402
 from posecore.scale import SCALES  # noqa: E402
 
 
 def pair(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     """Bring both sides of pages and solutions in step; generate the exercises."""
-    from book.making import exercises, pairs
+    from book.tools import exercises, pairs
 
     for page in chosen:
         pairs.pair(BOOK / f"{page.name}.py")
@@ -46,7 +46,7 @@ def pair(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
 
 def execute(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     """Run pages from their sources and store what they show."""
-    from book.making import execution
+    from book.tools import execution
 
     for page in chosen:
         start = time.monotonic()
@@ -57,7 +57,7 @@ def execute(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
 
 def strip(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     """Remove all outputs of pages."""
-    from book.making import notebooks, pairs
+    from book.tools import notebooks, pairs
 
     for page in chosen:
         path = BOOK / f"{page.name}.ipynb"
@@ -70,7 +70,7 @@ def strip(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
 
 def start(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     """Copy exercises to book/my_work, to be worked on; a file that is there already stays."""
-    from book.making import exercises
+    from book.tools import exercises
 
     for page in chosen:
         try:
@@ -84,7 +84,7 @@ def start(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
 
 def train(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     """Train the networks that pages ship, into book/checkpoints."""
-    from book.making import ledgers
+    from book.tools import measuring as ledgers
 
     for page in chosen:
         ledgers.train(page.name, BOOK, scale=arguments.scale)
@@ -92,7 +92,7 @@ def train(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
 
 def claims(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     """Measure what papers claim, into book/claims; goes on where it was stopped."""
-    from book.making import ledgers
+    from book.tools import measuring as ledgers
 
     for page in chosen:
         ledgers.claims(page.name, BOOK, scale=arguments.scale)
@@ -100,14 +100,14 @@ def claims(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
 
 def site(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     """Build the site of the whole book, into book/_build/html."""
-    from book.making import site
+    from book.tools import site
 
     print(f"open {site.build() / 'index.html'}")
 
 
 def check(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     """Say what makes the book unfit to be committed; nothing is run."""
-    from book.making import checking
+    from book.tools import checking
 
     found = checking.problems(BOOK, chosen if arguments.pages else None)
     if found:

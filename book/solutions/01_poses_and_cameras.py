@@ -31,12 +31,11 @@
 import numpy as np
 from scipy.stats import binned_statistic
 
+from book.ch01_poses_and_cameras import checks
+from book.tools.checks import use
 from posecore import figures, metrics, poses, rotations
-from posecore.book import parts
-from posecore.book.checks import use
 from posecore.figures.style import COLOURS
 
-checks = parts.checks("01_poses_and_cameras")
 rng = np.random.default_rng(0)
 
 # %% [markdown]

@@ -33,13 +33,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from book.ch02_small_worlds import checks
+from book.tools.checks import use
 from data_tools import renderer, sensors, shapes
 from posecore import cameras, figures, poses, rotations
-from posecore.book import parts
-from posecore.book.checks import use
 from posecore.figures.style import COLOURS
 
-checks = parts.checks("02_small_worlds")
 rng = np.random.default_rng(0)
 
 # %% [markdown]

@@ -34,14 +34,13 @@ import numpy as np
 import torch
 from torch import nn
 
+from book.ch05_learnable_rotations import checks
+from book.tools.checks import use
 from posecore import figures, rotations
-from posecore.book import parts
-from posecore.book.checks import use
 from posecore.figures.style import COLOURS, STYLES
 from posecore.nets.rotation_heads import RotationHead
 from posecore.scale import choose, scale
 
-checks = parts.checks("05_learnable_rotations")
 generator = torch.Generator().manual_seed(0)
 torch.set_default_dtype(torch.float64)
 

@@ -36,14 +36,14 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
+from book.ch08_vector_fields import checks
+from book.ch08_vector_fields.drawing import exercises as draw
+from book.tools.checks import use
 from data_tools import renderer, sensors, shapes
 from posecore import cameras, clouds, figures, metrics, poses, registration, rotations
-from posecore.book import parts
-from posecore.book.checks import use
-from posecore.papers.vector_field import keypoints, voting
+from posecore.methods.vector_field import keypoints, voting
 from posecore.scale import choose, scale
 
-checks, draw = parts.checks("08_vector_fields"), parts.drawing("08_exercises")
 generator = torch.Generator().manual_seed(0)
 torch.set_default_dtype(torch.float64)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from posecore.papers.vector_field.voting import count_inliers, vote
+from posecore.methods.vector_field.voting import count_inliers, vote
 from posecore.registration import pnp
 from posecore.registration.weighted_pnp import uncertainty_pnp
 

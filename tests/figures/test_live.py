@@ -148,7 +148,7 @@ history
 
 
 def test_one_still_picture_is_left_in_a_notebook():
-    from book.making.execution import clean_outputs
+    from book.tools.execution import clean_outputs
 
     nb = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)])
     shown = []

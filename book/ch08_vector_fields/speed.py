@@ -1,0 +1,90 @@
+"""How long chapter 8's system takes for an image, by stage, number of objects and size."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from book.ch08_vector_fields import comparison
+from book.ch08_vector_fields import field_training as training
+from posecore.methods.vector_field.fields import field_targets
+from posecore.methods.vector_field.masked_fields import MaskedFields, look_at
+from posecore.methods.vector_field.network import VectorFieldNet
+from posecore.methods.vector_field.systems import STAGES, VectorFieldSystem
+from posecore.nets.resnet import fold_batch_norm
+from posecore.scale import choose
+
+__all__ = ["LARGER", "measure_speed", "part_of"]
+
+LARGER = ((320, 240), (640, 480))
+"""Width and height of images in which only the time is of interest."""
+
+
+def measure_speed(seed: int) -> dict[str, float]:
+    """Milliseconds for one image with one, two and three objects, in all and by stage.
+
+    The networks with fewer objects are parts of the one with three: the same but for the last
+    layers. Images are looked at one by one, those that show most of the three. In larger images the
+    objects are larger than in training, so there the votes and what follows are given the true
+    field, as many pixels as it has.
+    """
+    net = comparison.trained("pixel", seed)
+    known = training.models()
+    data = training.stack("easy")
+    rows = data.rows(object_id=training.OBJECTS, visible=0.5)
+    shown = torch.bincount(data.view[rows], minlength=len(data))
+    views = shown.argsort(descending=True, stable=True)[: choose(tiny=2, book=20, paper=50)]
+    values = {}
+    for count in range(1, 1 + len(known)):
+        system = VectorFieldSystem(part_of(net, count), known[:count], fit=comparison.FIT)
+        for size in (training.size(), *LARGER):
+            batches = [data.frames(view[None], size) for view in views]
+            timed = _of_an_image if size == training.size() else _of_a_larger_image
+            times = [timed(system, batch) for batch in (batches[0], *batches)]
+            times = 1000 * np.median(times[1:], axis=0)  # the first call sets things up
+            name = f"{count}" if size == training.size() else f"{count}, {size[0]} x {size[1]}"
+            values[name] = float(times[0])
+            values |= {f"{name}, {s}": float(x) for s, x in zip(STAGES, times[1:], strict=True)}
+    values["3 x 1"] = 3 * values["1"]
+    return values
+
+
+def part_of(net: VectorFieldNet, count: int) -> VectorFieldNet:
+    """The same network for the first `count` of its objects, and for use only."""
+    smaller = VectorFieldNet(count, net.keypoints, training.width(), training.most())
+    weights = dict(net.state_dict())
+    rows = {"mask_layer": 1 + count, "vector_layer": 2 * net.keypoints * count}
+    for layer, number in rows.items():
+        for name in ("weight", "bias"):
+            weights[f"{layer}.{name}"] = weights[f"{layer}.{name}"][:number]
+    smaller.load_state_dict(weights)
+    return fold_batch_norm(smaller.eval()).to(memory_format=torch.channels_last)
+
+
+def _of_an_image(system: VectorFieldSystem, batch: dict[str, Tensor]) -> list[float]:
+    """Seconds, in all and of each stage."""
+    began = time.perf_counter()
+    estimates = system.estimate(batch["rgb"], batch["K"])
+    total = time.perf_counter() - began
+    return [total, *(estimates[0].seconds.values() if estimates else [total, 0, 0, 0])]
+
+
+def _of_a_larger_image(system: VectorFieldSystem, batch: dict[str, Tensor]) -> list[float]:
+    models = system.models
+    targets = field_targets(
+        batch,
+        np.stack([model.keypoints for model in models]),
+        [model.object_id for model in models],
+        [model.symmetries if model.symmetric else None for model in models],
+        None,
+    )
+    fields = MaskedFields(*targets[1:])
+    began = time.perf_counter()
+    look_at(system.net, batch["rgb"])
+    seconds = time.perf_counter() - began
+    estimates = system.estimate_fields(fields, batch["K"], seconds)
+    total = time.perf_counter() - began
+    return [total, *(estimates[0].seconds.values() if estimates else [total, 0, 0, 0])]

@@ -1,0 +1,299 @@
+"""The check of an exercise: a student's function beside the reference, answered in one line.
+
+An exercise is made once, beside its solution, from a reference and a generator of inputs:
+
+    def inputs(rng):
+        yield "a random cloud", rng.normal(size=(5, 3))
+        yield "two equal points", np.zeros((2, 3))
+
+    check_centroid = Exercise(centroid, inputs, hints=("Average over N.", "Use mean(-2)."))
+
+and the page says
+
+    answer = check_centroid(my_centroid)
+    centroid_from_here = use(answer, clouds.centroid)
+    answer
+"""
+
+from __future__ import annotations
+
+import contextvars
+import copy
+import ctypes
+import html
+import inspect
+import linecache
+import re
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from torch import Tensor
+
+from book.tools.values import difference, show
+from posecore.arrays import fail, require_integer, require_number
+
+__all__ = ["DONE", "NOT_DONE", "NOT_RIGHT", "Answer", "Exercise", "use"]
+
+DONE, NOT_DONE, NOT_RIGHT = "done", "not done yet", "not right yet"
+SIGNS = {DONE: ("✓", "#009E73"), NOT_DONE: ("…", "#56B4E9"), NOT_RIGHT: ("✗", "#D55E00")}
+
+
+@dataclass(frozen=True, repr=False)
+class Answer:
+    """What a check says: `status` is one of three, `line` is for the student."""
+
+    status: str
+    line: str
+    function: Any = field(compare=False)
+
+    def __repr__(self) -> str:
+        return self.line
+
+    def _repr_html_(self) -> str:
+        sign, colour = SIGNS[self.status]
+        # The sign and the words say what the colour says.
+        style = f"border-left: 4px solid {colour}; padding: 0.2em 0.6em"
+        text = re.sub(r" (Hint \d+ of \d+: )", r"<br>\1", html.escape(self.line))
+        return f'<div role="status" style="{style}">{sign} {text}</div>'
+
+
+def use(answer: Answer, library: Callable[..., Any]) -> Callable[..., Any]:
+    """The student's function where its check said done, else the library's: the page goes on.
+
+    Bind the result to another name than the student's, or the next check looks at the library's.
+
+    Raises:
+        ValueError: if `answer` is no answer of an exercise.
+    """
+    if not isinstance(answer, Answer):
+        fail("answer", "the answer of an exercise's check", show(answer))
+    return answer.function if answer.status == DONE else library
+
+
+class Exercise:
+    """Compares a student's function with a reference; call it with the student's function.
+
+    Both run on copies of the same inputs. Where the reference raises ValueError, so must the
+    student. Arrays that the student's function changes, and the reference does not, are a fault:
+    they would be the page's own. The student runs in a thread, and not in a process, because a
+    function typed in a notebook cannot be sent to a process that was spawned, and a fork is not to
+    be had everywhere. A thread that is too late is told to stop and left behind if it does not. One
+    thing a thread cannot end: a single call into C that never lets Python go on, such as
+    `10**10**9`.
+
+    Args:
+        reference: the solution; its argument names are those of the messages.
+        inputs: takes a generator of random numbers and yields `(words, argument, argument, ...)`,
+            the words naming the input for the student: "two equal points".
+        hints: what helps; the first failure shows the first, the second the second.
+        tolerance: results may differ by `tolerance * (1 + |expected|)`.
+        seconds: the limit for one check, all inputs together.
+        compare_as: applied to both results before their values are compared, for answers that are
+            right in more than one form; for example a quaternion and its negative.
+        judge: for questions with many right answers: called with the result and the arguments, it
+            says in words what is wrong, or raises a ValueError that does; it returns an empty text
+            where nothing is. Of the reference's result only kind and shape are compared then.
+        seed: of the random numbers.
+
+    Raises:
+        ValueError: for an argument that cannot be, and on a check if there are no inputs or an
+            input does not begin with words. Errors of the reference other than ValueError come
+            through as they are. Nothing is raised because of the student.
+    """
+
+    def __init__(
+        self,
+        reference: Callable[..., Any],
+        inputs: Callable[[np.random.Generator], Iterable[tuple[Any, ...]]],
+        *,
+        hints: tuple[str, ...] = (),
+        tolerance: float = 1e-6,
+        seconds: float = 10.0,
+        compare_as: Callable[[Any], Any] | None = None,
+        judge: Callable[..., str] | None = None,
+        seed: int = 0,
+    ) -> None:
+        for name, value in (("reference", reference), ("inputs", inputs)):
+            if not callable(value):
+                fail(name, "a function", show(value))
+        if isinstance(hints, str) or not all(isinstance(hint, str) for hint in hints):
+            fail("hints", "a tuple of strings", show(hints))
+        self.reference, self.inputs, self.hints = reference, inputs, tuple(hints)
+        self.tolerance = require_number("tolerance", tolerance, low=0)
+        self.seconds = require_number("seconds", seconds, above=0)
+        if judge is not None and not callable(judge):
+            fail("judge", "a function", show(judge))
+        self.compare_as, self.judge = compare_as, judge
+        self.seed = require_integer("seed", seed, low=0)
+        self.failures = 0
+
+    def __call__(self, student: Any) -> Answer:
+        """Check a student's function; see the class for how."""
+        name = getattr(self.reference, "__name__", "the function")
+        with warnings.catch_warnings():
+            # A warning in the student's arithmetic shows in the value, which the line compares.
+            warnings.simplefilter("ignore")
+            status, words = self._judge(student)
+        if status == NOT_RIGHT and self.hints:
+            number = min(self.failures, len(self.hints) - 1)
+            words += f" Hint {number + 1} of {len(self.hints)}: {self.hints[number]}"
+            self.failures += 1
+        if status == DONE:
+            self.failures = 0
+        return Answer(status, f"{name}: {status}{words}", student)
+
+    def _judge(self, student: Any) -> tuple[str, str]:
+        if student is None or student is ...:
+            return NOT_DONE, "."
+        if not callable(student):
+            return NOT_RIGHT, f". Expected a function, got {show(student)}."
+        deadline = time.monotonic() + self.seconds
+        count = 0
+        for given in self.inputs(np.random.default_rng(self.seed)):
+            if not (isinstance(given, tuple) and given and isinstance(given[0], str)):
+                fail("inputs", "tuples that begin with words", show(given))
+            words, *arguments = given
+            expected = _call(self.reference, arguments, None)
+            if expected.error is not None and not isinstance(expected.error, ValueError):
+                raise expected.error
+            got = _call(student, arguments, max(deadline - time.monotonic(), 0.01))
+            if reason := _unfinished(got, expected, first=count == 0):
+                return NOT_DONE, reason
+            try:
+                wrong = self._compare(student, got, expected, arguments)
+            except Exception as error:  # what came may refuse to be looked at
+                wrong = f"the result cannot be compared ({type(error).__name__})"
+            if changed := [] if wrong else self._changed(got, expected):
+                wrong = f"it changes its {changed[0]}, which belongs to the caller; work on a copy"
+            if wrong:
+                return NOT_RIGHT, f". On {words} ({self._describe(arguments)}): {wrong}."
+            count += 1
+        if count == 0:
+            fail("inputs", "at least one input", "none")
+        return DONE, f", {count} inputs {'agree' if self.judge is None else 'pass'}."
+
+    def _compare(
+        self, student: Any, got: _Outcome, expected: _Outcome, arguments: list[Any]
+    ) -> str:
+        """What is wrong, in words; empty where nothing is."""
+        if got.late:
+            return f"not finished after {self.seconds:g} s; perhaps a loop never ends"
+        if expected.error is not None:
+            if isinstance(got.error, ValueError):
+                return ""
+            came = _describe_error(student, got.error) if got.error else f"got {show(got.value)}"
+            return f"expected a ValueError ({_one_line(str(expected.error))}), {came}"
+        if got.error is not None:
+            return _describe_error(student, got.error)
+        if self.judge is None:
+            return difference(got.value, expected.value, self.tolerance, self.compare_as)
+        try:
+            form = difference(got.value, expected.value, None)
+            return form or self.judge(got.value, *arguments)
+        except ValueError as error:
+            return _one_line(str(error)) or "it is refused"
+
+    def _changed(self, got: _Outcome, expected: _Outcome) -> list[str]:
+        """The names of arrays that the student's function left otherwise than the reference."""
+        pairs = zip(self._names(got.arguments), got.arguments, expected.arguments, strict=False)
+        arrays = np.ndarray | Tensor
+        return [name for name, a, b in pairs if isinstance(b, arrays) and difference(a, b, 0.0)]
+
+    def _describe(self, arguments: list[Any]) -> str:
+        named = zip(self._names(arguments), arguments, strict=False)
+        return ", ".join(f"{name} = {show(argument)}" for name, argument in named)
+
+    def _names(self, arguments: Sequence[Any]) -> list[str]:
+        try:
+            names = list(inspect.signature(self.reference).parameters)
+        except (TypeError, ValueError):  # some functions of C have none
+            names = []
+        return names + [f"argument {i + 1}" for i in range(len(names), len(arguments))]
+
+
+@dataclass
+class _Outcome:
+    value: Any = None
+    error: BaseException | None = None
+    late: bool = False
+    arguments: tuple[Any, ...] = ()  # as they are afterwards
+
+
+class _Stop(SystemExit):
+    """Sent into a student's thread; a SystemExit ends a thread without a word."""
+
+
+def _call(function: Callable[..., Any], arguments: list[Any], seconds: float | None) -> _Outcome:
+    """Run a function on copies of its arguments, in a thread, for a limited time."""
+    copies = copy.deepcopy(arguments)
+    outcome = _Outcome(arguments=tuple(copies))
+
+    def work() -> None:
+        try:
+            outcome.value = function(*copies)
+        except BaseException as error:
+            outcome.error = error
+
+    # In this cell's context, so that what the student prints appears under this cell.
+    context = contextvars.copy_context()
+    thread = threading.Thread(target=context.run, args=(work,), daemon=True)
+    thread.start()
+    try:
+        thread.join(seconds)
+    finally:  # also where the reader presses the stop button
+        late = thread.is_alive()
+        if late:
+            _stop(thread)
+    return _Outcome(late=True) if late else outcome
+
+
+def _stop(thread: threading.Thread) -> None:
+    """Raise in the thread at its next step of Python: a loop must not go on stealing time."""
+    for _ in range(20):  # it may catch what is raised
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(
+            ctypes.c_ulong(thread.ident or 0), ctypes.py_object(_Stop)
+        )
+        thread.join(0.02)
+        if not thread.is_alive():
+            return
+
+
+def _unfinished(got: _Outcome, expected: _Outcome, first: bool) -> str:
+    """Why this is a stub and not a wrong answer; empty where it is none."""
+    if isinstance(got.error, NotImplementedError):
+        return "."
+    if isinstance(got.error, TypeError | AttributeError) and "'ellipsis'" in str(got.error):
+        return " (there is still a ... in it)."
+    if got.error or got.late or (expected.error is None and expected.value is None):
+        return ""
+    values = got.value if isinstance(got.value, tuple) and got.value else (got.value,)
+    if any(value is ... for value in values):
+        return " (it returns ...)."
+    # Later on, a None is a branch that forgot its return.
+    return " (it returns nothing)." if first and all(value is None for value in values) else ""
+
+
+def _describe_error(student: Any, error: BaseException) -> str:
+    kind, message = type(error).__name__, _one_line(str(error))
+    return f"it raised {kind}{': ' + message if message else ''}{_place(student, error)}"
+
+
+def _place(student: Any, error: BaseException) -> str:
+    """The last line of the student's own text on the way to the error, quoted."""
+    code = getattr(inspect.unwrap(student), "__code__", None)
+    line, trace = "", error.__traceback__
+    while trace is not None:
+        if code is not None and trace.tb_frame.f_code.co_filename == code.co_filename:
+            line = linecache.getline(code.co_filename, trace.tb_lineno).strip()
+        trace = trace.tb_next
+    return f" at `{_one_line(line)}`" if line else ""
+
+
+def _one_line(text: str) -> str:
+    text = " ".join(text.split())
+    return text if len(text) <= 160 else text[:157] + "..."

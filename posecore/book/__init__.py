@@ -1,1 +1,0 @@
-"""What only chapters use: checks of exercises, the ledger of claims, source on the page."""

@@ -1,0 +1,1 @@
+"""Methods: a package for each paper, and the command line that is written once for all of them."""

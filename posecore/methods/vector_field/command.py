@@ -1,0 +1,69 @@
+"""`train vector_field` and `estimate vector_field`: the systems of chapter 8 on any dataset."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from posecore.methods.vector_field.estimating import estimate
+from posecore.methods.vector_field.losses import PROJECTIONS
+from posecore.methods.vector_field.systems import SYSTEMS
+from posecore.methods.vector_field.training import train
+from posecore.scale import SCALES
+
+__all__ = ["add_estimate", "add_train"]
+
+TRAIN = """Train PVNet with the projection loss on windows of images, then a refiner on its fields.
+Needed are colour images, masks, poses and models. RUN is a folder; a command that was stopped goes
+on when it is given again. Several processes: torchrun --nproc-per-node N -m posecore train ..."""
+ESTIMATE = """Estimate the poses of a run's objects, and write them in the BOP format, which
+`python -m posecore evaluate` measures: a row for each object found in an image, with its score and
+the seconds that the image took."""
+SOURCE = "tabletop, bop:PATH or linemod:PATH"
+
+
+def add_train(methods: Any) -> None:
+    """Add `vector_field` to the methods that can be trained."""
+    command = methods.add_parser("vector_field", help="PVNet and a refiner", description=TRAIN)
+    command.set_defaults(command=train)
+    command.add_argument("--data", metavar="SOURCE", required=True, help=SOURCE)
+    command.add_argument("--split", default="train", help="default: train")
+    command.add_argument("--out", metavar="RUN", required=True, help="folder, new or to go on in")
+    command.add_argument("--objects", metavar="ID", type=int, nargs="+", help="default: all")
+    command.add_argument("--scale", choices=SCALES, help="sizes; default: POSECORE_SCALE")
+    command.add_argument("--steps", type=int, help="of the field; default: by the scale")
+    command.add_argument(
+        "--refiner-steps", type=int, help="default: by the scale; 0 for no refiner"
+    )
+    command.add_argument("--batch", type=int, help="windows in a step; default: by the scale")
+    command.add_argument("--projection", choices=PROJECTIONS, default="pixel", help="loss of Eq 1")
+    command.add_argument("--weight", default="dynamic", help="of that loss: dynamic, or a number")
+    command.add_argument(
+        "--begin",
+        metavar="FRACTION",
+        type=float,
+        help="of the training, before that loss comes in; default: by the scale",
+    )
+    command.add_argument(
+        "--forward-only",
+        action=argparse.BooleanOptionalAction,
+        help="leave vectors that point away out of that loss; default: by the scale",
+    )
+    command.add_argument("--imagenet", metavar="FILE", help="torchvision's resnet18, at width 64")
+    command.add_argument("--seed", type=int, default=0)
+    command.add_argument("--device", default="auto", help="default: a GPU where there is one")
+
+
+def add_estimate(methods: Any) -> None:
+    """Add `vector_field` to the methods that estimate poses."""
+    command = methods.add_parser("vector_field", help="OPEPL, -R, -DR", description=ESTIMATE)
+    command.set_defaults(command=estimate)
+    command.add_argument("--run", required=True, help="folder that `train vector_field` wrote")
+    command.add_argument("--data", metavar="SOURCE", required=True, help=SOURCE)
+    command.add_argument("--split", help="which part, if there are several")
+    command.add_argument("--targets", metavar="FILE", help="with bop:PATH: test_targets_bop19.json")
+    command.add_argument("--output", metavar="FILE.csv", required=True)
+    command.add_argument("--system", choices=list(SYSTEMS), default="OPEPL-DR")
+    command.add_argument("--threshold", type=float, default=0.8, help="of the overlap, for -DR")
+    command.add_argument("--seed", type=int, default=0, help="of the vote")
+    command.add_argument("--device", default="auto", help="default: a GPU where there is one")

@@ -1,0 +1,244 @@
+"""How a refiner learns: from fields (`frozen_fields`), and poses that are wrong by a little."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from posecore import poses
+from posecore.arrays import Array, array_function, fail, require_integer, require_number
+from posecore.methods.vector_field.keypoints import canonical_rotation
+from posecore.methods.vector_field.masked_fields import MaskedFields
+from posecore.methods.vector_field.models import ObjectModel, require_models
+from posecore.methods.vector_field.refinement import FieldRefiner, correct_pose
+from posecore.rotations import axis_angle_to_matrix
+
+__all__ = ["RefinerTraining", "perturb", "pose_loss"]
+
+FAR = 0.5
+"""Diameters."""
+
+
+@array_function(
+    points="... N 3", R="... 3 3", t="... 3", R_gt="... 3 3", t_gt="... 3", diameter="..."
+)
+def pose_loss(
+    points: Array,
+    R: Array,
+    t: Array,
+    R_gt: Array,
+    t_gt: Array,
+    diameter: Array,
+    symmetric: Array | bool = False,
+) -> Array:
+    """ADD, of symmetric objects ADD-S, in diameters; `metrics` has them in metres and without loss.
+
+    Args:
+        points: (..., N, 3) of the model; the distances of all pairs are computed for ADD-S.
+        R, t, R_gt, t_gt: (..., 3, 3) and (..., 3) estimate and ground truth.
+        diameter: (...) metres.
+        symmetric: (...) booleans, or one for all.
+
+    Returns:
+        (...) at least 0; the gradient is finite, also where the loss is 0.
+    """
+    here, there = poses.apply(R, t, points), poses.apply(R_gt, t_gt, points)
+    here, there = torch.broadcast_tensors(here, there)
+    symmetric = torch.as_tensor(symmetric, device=here.device, dtype=torch.bool)
+    symmetric = symmetric.expand(here.shape[:-2])
+    if bool(symmetric.any()):
+        with torch.no_grad():
+            pairs = torch.cdist(there[symmetric].detach(), here[symmetric].detach())
+            nearest = pairs.argmin(-1)[..., None].expand(-1, -1, 3)
+        here = here.masked_scatter(symmetric[..., None, None], here[symmetric].gather(1, nearest))
+    return torch.linalg.vector_norm(here - there, dim=-1).mean(-1) / diameter
+
+
+def perturb(
+    R: Tensor,
+    t: Tensor,
+    centre: Tensor,
+    diameter: Tensor,
+    generator: torch.Generator,
+    rotation: float = math.radians(20),
+    lateral: float = 0.08,
+    depth: float = 0.2,
+) -> tuple[Tensor, Tensor]:
+    """Poses near the given ones, as a first estimate may be wrong.
+
+    Each is wrong in everything by the same part, drawn evenly from 0 to 1, of the sizes given: a
+    refiner has to learn to leave alone what is right.
+
+    Args:
+        R, t: (B, 3, 3) and (B, 3).
+        centre: (B, 3) of the objects in their frames.
+        diameter: (B,) metres.
+        generator: of the random numbers.
+        rotation: radians about any axis.
+        lateral: diameters; standard deviation across the view, in x and in y.
+        depth: diameters; standard deviation along the ray.
+
+    Returns:
+        (B, 3, 3) and (B, 3), always in front of the camera.
+    """
+    part = torch.rand(len(R), 1, generator=generator, dtype=torch.float64)
+    noise = torch.randn(len(R), 6, generator=generator, dtype=torch.float64)
+    part, noise = part.to(R), noise.to(R)
+    turn = nn.functional.normalize(noise[:, :3], dim=-1) * rotation * part
+    distance = (R @ centre[..., None])[:, 2, 0] + t[:, 2]
+    away = (depth * part[:, 0] * noise[:, 5] * diameter / distance).clamp(min=-0.5)
+    shift = torch.cat([lateral * part * noise[:, 3:5], torch.log1p(away)[:, None]], -1)
+    return correct_pose(R, t, centre, diameter, axis_angle_to_matrix(turn), shift)
+
+
+class RefinerTraining:
+    """Batches and loss of a refiner, from the fields of a network that is trained and frozen.
+
+        seen = look_at_views(net, data)  # both of `frozen_fields`
+        training = RefinerTraining(seen, refiner.models, own_poses(system, seen))
+        fit(refiner, training.batches, training.loss, steps=2000, clip=1.0)
+
+    The fields are kept, so a batch is made of numbers only. The poses to begin with are true ones
+    made wrong (`perturb`), and the system's own where they are given.
+
+    Args:
+        seen: of each batch of images what the network said of it, and that batch, as a `Stack` or
+            `Windows` give it: tensors "object_id", "R", "t" and "K", and "image" of a `Stack`. What
+            the network took for an object that is not there is left out.
+        models: in the order of the field's network. Of a symmetric object the pose that the field
+            points at is taken (`canonical_rotation`).
+        own: of each batch of images the system's own poses (S, 3, 3) and (S, 3), one for each entry
+            of its fields. Half of the poses to begin with are then of these, but none whose centre
+            is off by half a diameter: no refinement mends that.
+        size: entries in a batch.
+        rotation, lateral, depth: of `perturb`.
+
+    Attributes:
+        fields: of all entries.
+        entry: (S,) int64 those with a true pose.
+        R, t, camera: (S, 3, 3), (S, 3), (S, 3, 3) float32, their true poses and cameras.
+
+    Raises:
+        ValueError: naming an argument that cannot be, or if nothing is left to learn from.
+    """
+
+    def __init__(
+        self,
+        seen: Sequence[tuple[MaskedFields, Mapping[str, Tensor]]],
+        models: Sequence[ObjectModel],
+        own: Sequence[tuple[Array, Array]] | None = None,
+        *,
+        size: int = 64,
+        rotation: float = math.radians(20),
+        lateral: float = 0.08,
+        depth: float = 0.2,
+    ) -> None:
+        models = require_models(models)
+        self.size = require_integer("size", size, 1)
+        self.sizes = {
+            "rotation": require_number("rotation", rotation, 0, math.pi),
+            "lateral": require_number("lateral", lateral, 0),
+            "depth": require_number("depth", depth, 0),
+        }
+        if not seen or (own is not None and len(own) != len(seen)):
+            got = f"{len(seen)} and {own if own is None else len(own)}"
+            fail("seen and own", "the same number of batches, at least one", got)
+        parts = [_truth(fields, batch, models) for fields, batch in seen]
+        known, R, t, self.camera = (torch.cat(column) for column in zip(*parts, strict=True))
+        self.fields = MaskedFields.joined([fields for fields, _ in seen], torch.float16)
+        self.entry = known.nonzero()[:, 0]
+        self.index = self.fields.object[self.entry]
+        if not len(self.entry):
+            fail("seen", "an object with a true pose", "none")
+        for o, model in enumerate(models):
+            if model.symmetric:
+                chosen = self.index == o
+                motions = torch.from_numpy(model.symmetries).float()
+                R[chosen], t[chosen] = canonical_rotation(R[chosen], t[chosen], motions)
+        self.R, self.t = R, t
+        self.centre = torch.tensor(np.array([model.keypoints[-1] for model in models])).float()
+        self.diameter = torch.tensor([model.diameter for model in models])
+        self.own = None if own is None else self._usable(own)
+
+    def _usable(self, own: Sequence[tuple[Array, Array]]) -> tuple[Tensor, Tensor, Tensor]:
+        """Own poses of the S entries, and which of them are near enough to be refined."""
+        R, t = (torch.cat([torch.as_tensor(part[n]) for part in own]).float() for n in (0, 1))
+        if R.shape != (len(self.fields), 3, 3) or t.shape != (len(self.fields), 3):
+            expected = f"poses of {len(self.fields)} entries"
+            fail("own", expected, f"shapes {tuple(R.shape)} and {tuple(t.shape)}")
+        R, t = R[self.entry], t[self.entry]
+        centre, diameter = self.centre[self.index][..., None], self.diameter[self.index]
+        gap = (R @ centre)[..., 0] + t - (self.R @ centre)[..., 0] - self.t
+        return R, t, gap.norm(dim=-1) < FAR * diameter
+
+    def __len__(self) -> int:
+        """How many objects there are to learn from."""
+        return len(self.entry)
+
+    def batches(self, generator: torch.Generator) -> dict[str, Tensor]:
+        """A batch for `fit`, of objects drawn anew."""
+        rows = torch.randint(len(self), (self.size,), generator=generator)
+        index, R_gt, t_gt = self.index[rows], self.R[rows], self.t[rows]
+        centre, diameter = self.centre[index], self.diameter[index]
+        R, t = perturb(R_gt, t_gt, centre, diameter, generator, **self.sizes)
+        if self.own is not None:
+            R_own, t_own, usable = (values[rows] for values in self.own)
+            usable &= torch.arange(self.size) % 2 == 0
+            R[usable], t[usable] = R_own[usable], t_own[usable]
+        return {
+            "entry": self.entry[rows], "index": index, "camera": self.camera[rows],
+            "R": R, "t": t, "R_gt": R_gt, "t_gt": t_gt,
+        }  # fmt: skip
+
+    def loss(self, refiner: FieldRefiner, batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """The mean of `pose_loss` over all iterations; "start" is that of the poses to begin with.
+
+        Its points are those that the refiner looks at.
+        """
+        index, R_gt, t_gt = batch["index"], batch["R_gt"], batch["t_gt"]
+        entry = batch["entry"]
+
+        def error(R: Tensor, t: Tensor) -> Tensor:
+            points, diameter = refiner.points[index], refiner.diameter[index]
+            symmetric = refiner.symmetric[index]
+            return pose_loss(points, R, t, R_gt, t_gt, diameter, symmetric).mean()
+
+        found = refiner(
+            index,
+            batch["R"],
+            batch["t"],
+            batch["camera"],
+            lambda pixels: self.fields.at(entry, pixels),
+        )
+        errors = [error(R, t) for R, t in found]
+        with torch.no_grad():
+            start = error(batch["R"], batch["t"])
+        return {"loss": torch.stack(errors).mean(), "start": start, "end": errors[-1].detach()}
+
+
+def _truth(
+    fields: MaskedFields, batch: Mapping[str, Tensor], models: Sequence[ObjectModel]
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Which of S entries are known, (S,) bool, and of those R, t and camera in float32."""
+    missing = {"object_id", "R", "t", "K"} - batch.keys()
+    if missing:
+        fail("seen", "batches with object_id, R, t and K", f"one without {sorted(missing)}")
+    object_id, R, t = batch["object_id"], batch["R"], batch["t"]
+    if object_id.ndim == 2:  # as many places for objects in each image, as in `Windows`
+        image = torch.arange(len(object_id))[:, None].expand_as(object_id).flatten()
+        object_id, R, t = (values.flatten(0, 1) for values in (object_id, R, t))
+    else:
+        image = batch["image"]
+    ids = torch.tensor([model.object_id for model in models])
+    same_object = ids[fields.object][:, None] == object_id
+    same = same_object & (fields.image[:, None] == image)  # (S, M)
+    known, row = same.nonzero(as_tuple=True)
+    once = known.diff(prepend=known.new_tensor([-1])) > 0  # of two in an image, the first
+    known, row = known[once], row[once]
+    flags = torch.zeros(len(fields), dtype=torch.bool)
+    flags[known] = True
+    return flags, R[row].float(), t[row].float(), batch["K"][fields.image[known]].float()

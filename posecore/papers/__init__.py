@@ -1,1 +1,0 @@
-"""The papers: one subpackage or file per system."""

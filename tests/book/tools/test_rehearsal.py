@@ -1,0 +1,205 @@
+"""The teacher's rehearsal: what students do to a notebook, and what it tells them then."""
+
+import doctest
+import functools
+import importlib.util
+
+import nbformat
+import pytest
+import torch
+from book.tools.parts import checks
+from nbclient import NotebookClient
+
+from book.tools.checks import DONE, NOT_DONE, NOT_RIGHT, Answer, Exercise
+from book.tools.contents import BOOK, find_page, pages
+from book.tools.execution import environment
+from book.tools.exercises import start
+from book.tools.notebooks import read_notebook
+
+WITH_EXERCISES = [page for page in pages() if page.exercises]
+each_page = pytest.mark.parametrize("page", WITH_EXERCISES, ids=lambda page: page.name)
+CHAPTER = find_page("01")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def defaults():
+    """What a page sets for itself, no other test may meet."""
+    before = torch.get_default_dtype(), torch.get_num_threads()
+    yield
+    torch.set_default_dtype(before[0])
+    torch.set_num_threads(before[1])
+
+
+@functools.cache
+def played(path):
+    """What a notebook's cells leave behind, run in this process: their names, and all answers."""
+    space, answers = {"__name__": "__main__"}, {}
+    for cell in read_notebook(path).cells:
+        if cell.cell_type != "code":
+            continue
+        exec(compile(cell.source, "<cell>", "exec"), space)
+        answer = space.pop("answer", None)
+        if isinstance(answer, Answer):
+            answers[answer.line.partition(":")[0]] = answer
+    return space, answers
+
+
+def exercises(page):
+    found = vars(checks(page.name)).items()
+    return {name.removeprefix("check_"): e for name, e in found if isinstance(e, Exercise)}
+
+
+@each_page
+def test_every_stub_is_not_done_yet_and_the_library_stands_in(page):
+    space, answers = played(BOOK / "exercises" / f"{page.name}.ipynb")
+    assert list(answers) == list(exercises(page))  # every check, in the order of the page
+    for name, answer in answers.items():
+        assert answer.status == NOT_DONE
+        assert answer.line == f"{name}: not done yet (it returns nothing)."
+        assert space[f"{name}_here"] is not space[name]
+
+
+@each_page
+def test_every_solution_is_done_and_used(page):
+    space, answers = played(BOOK / "solutions" / f"{page.name}.ipynb")
+    assert list(answers) == list(exercises(page))
+    for name, answer in answers.items():
+        assert answer.status == DONE, answer.line
+        assert space[f"{name}_here"] is space[name]
+
+
+@each_page
+def test_the_examples_in_the_stubs_are_what_the_solutions_give(page):
+    space, answers = played(BOOK / "solutions" / f"{page.name}.ipynb")
+    for name in answers:
+        words = space[name].__doc__ or ""
+        test = doctest.DocTestParser().get_doctest(words, dict(space), name, None, None)
+        assert test.examples, f"{name} has no example"
+        assert doctest.DocTestRunner().run(test).failed == 0
+
+
+@each_page
+def test_every_exercise_has_wrong_solutions_that_are_caught(page):
+    """The mutation rule: the chapter's own tests hold at least two for every exercise."""
+    name = f"test_{page.name.partition('_')[0]}_exercises"
+    path = BOOK.parent / "tests" / "chapters" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    for exercise, check in exercises(page).items():
+        wrong = {student for called, student, *_ in module.WRONG if called == exercise}
+        assert len(wrong) >= 2, f"{path.name}: WRONG has fewer than two of {exercise}"
+        for student in wrong:
+            assert check(student).status == NOT_RIGHT, student.__name__
+
+
+@pytest.fixture
+def work(tmp_path):
+    """Chapter 1, started by a student into a folder of the student's own."""
+    with environment("tiny", tmp_path / "profile"):
+        yield start(CHAPTER, tmp_path / "my_work")
+
+
+def write(path, **functions):
+    """Put the student's text in the place of whole functions; None deletes the cell's text."""
+    nb = nbformat.read(path, as_version=4)
+    for name, text in functions.items():
+        (cell,) = [cell for cell in nb.cells if cell.source.startswith(f"def {name}(")]
+        cell.source = text or ""
+    nbformat.write(nb, path)
+
+
+def run(path):
+    """Run a notebook as JupyterLab would, from top to bottom, and keep what it shows."""
+    nb = nbformat.read(path, as_version=4)
+    client = NotebookClient(
+        nb, timeout=60, kernel_name="python3", resources={"metadata": {"path": str(path.parent)}}
+    )
+    try:
+        client.execute()
+    finally:
+        nbformat.write(nb, path)
+
+
+def answers_shown(path):
+    lines = {}
+    for cell in nbformat.read(path, as_version=4).cells:
+        for output in cell.get("outputs", []):
+            if output.output_type == "execute_result" and 'role="status"' in str(output.data):
+                line = output.data["text/plain"]
+                lines[line.partition(":")[0]] = line
+    return lines
+
+
+RIGHT = """
+def rotation_angle(R_1, R_2):
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(R_1.T @ R_2).magnitude()
+"""
+WRONG = """
+def best_rotation(source, target):
+    p, q = source - source.mean(0), target - target.mean(0)
+    U, _, Vt = np.linalg.svd(q.T @ p)
+    return U @ Vt
+"""
+RAISES = """
+def project_points(R, t, K, points):
+    return points @ R.T + t @ K @ points
+"""
+ENDLESS = """
+def add_symmetric(R_est, t_est, R_gt, t_gt, points, symmetries):
+    import time
+
+    while True:
+        time.sleep(0.01)  # and spares this machine
+"""
+SILLY = """
+def balanced_error(errors, true_angles, bin_width):
+    return "42"
+"""
+
+
+def test_the_rehearsal(work):
+    """One is right, one wrong, one raises, one never ends, one is silly, one is left."""
+    write(
+        work,
+        project_points=RAISES,
+        rotation_angle=RIGHT,
+        best_rotation=WRONG,
+        add_symmetric=ENDLESS,
+        balanced_error=SILLY,
+    )
+    run(work)
+    nb = nbformat.read(work, as_version=4)
+    counts = [cell.execution_count for cell in nb.cells if cell.cell_type == "code"]
+    assert counts == list(range(1, len(counts) + 1))  # to its end
+
+    lines = answers_shown(work)
+    assert list(lines) == list(exercises(CHAPTER))
+    for name, status in {
+        "project_points": NOT_RIGHT,
+        "rotation_angle": DONE,
+        "best_rotation": NOT_RIGHT,
+        "add_symmetric": NOT_RIGHT,
+        "balanced_error": NOT_RIGHT,
+        "forgiven_pose": NOT_DONE,
+    }.items():
+        assert lines[name].startswith(f"{name}: {status}")
+        assert ("Hint 1 of 2" in lines[name]) == (status == NOT_RIGHT)
+    assert "it raised ValueError: matmul" in lines["project_points"]
+    assert "at `return points @ R.T + t @ K @ points`" in lines["project_points"]
+    assert lines["rotation_angle"] == "rotation_angle: done, 23 inputs agree."
+    assert "On a planar cloud (source = array (6, 3)" in lines["best_rotation"]
+    assert "not finished after 5 s; perhaps a loop never ends" in lines["add_symmetric"]
+    assert "expected a number, got text" in lines["balanced_error"]
+    # The student's folder holds the notebook and nothing else.
+    assert [file.name for file in work.parent.iterdir()] == [work.name]
+
+
+def test_a_function_that_was_deleted(work):
+    """The page stops at its check, and Python says which name is missing."""
+    write(work, rotation_angle=None)
+    with pytest.raises(NameError, match=r"^name 'rotation_angle' is not defined$"):
+        played(work)
+    assert start(CHAPTER, work.parent / "again").exists()  # the way back

@@ -1,0 +1,151 @@
+"""What is kept of a trained network: its fields of each view once, and a system's own poses."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.papers.vector_field.true_fields import KEYPOINTS, MODELS, K, seen, some_poses
+
+from posecore.methods.vector_field import frozen_fields
+from posecore.methods.vector_field.frozen_fields import look_at_views, own_poses, weights_digest
+from posecore.methods.vector_field.masked_fields import MaskedFields, look_at
+from posecore.methods.vector_field.network import VectorFieldNet
+from posecore.methods.vector_field.refinement import FieldRefiner
+from posecore.methods.vector_field.refiner_training import RefinerTraining
+from posecore.methods.vector_field.systems import VectorFieldSystem
+from posecore.training import seeded
+
+
+class Photos:
+    """A dataset of small images, each with both objects."""
+
+    def __init__(self, count: int) -> None:
+        generator = torch.Generator().manual_seed(1)
+        self.rgb = torch.rand(count, 3, 24, 32, generator=generator)
+        self.asked: list[int] = []
+
+    def __len__(self) -> int:
+        return len(self.rgb)
+
+    def frames(self, views, size=None, *, augment=None, generator=None):
+        self.asked += views.tolist()
+        rgb = self.rgb[views]
+        if augment is not None:
+            rgb = (rgb + augment * torch.rand(rgb.shape, generator=generator)).clamp(0, 1)
+        R, t = some_poses(int(views[0]), 2 * len(views))
+        image = torch.arange(len(views))
+        return {
+            "rgb": rgb, "view": views, "K": K.expand(len(views), 3, 3), "R": R, "t": t,
+            "image": image.repeat_interleave(2), "object_id": torch.tensor([3, 5] * len(views)),
+        }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def net() -> VectorFieldNet:
+    with seeded(0):
+        return VectorFieldNet(objects=2, keypoints=len(KEYPOINTS), width=4).eval()
+
+
+def same_fields(one: MaskedFields, other: MaskedFields) -> bool:
+    pairs = zip(vars(one).values(), vars(other).values(), strict=True)
+    return all(torch.equal(a, b) for a, b in pairs)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(1, 20), st.none() | st.integers(1, 25))
+def test_each_view_is_looked_at_once(net: VectorFieldNet, count: int, most: int | None) -> None:
+    photos = Photos(count)
+    found = look_at_views(net, photos, most=most)
+    asked, some = photos.asked, count if most is None else most
+    assert asked == sorted(set(asked)) and len(asked) <= some
+    gaps = np.diff([*asked, max(count, asked[-1] + 1)])
+    assert asked[0] == 0 and set(gaps[:-1]) <= {gaps[0]} and gaps[-1] <= gaps[0]
+    if some >= count:
+        assert asked == list(range(count))
+    assert len(found) == -(-len(asked) // 8)
+    for n, (fields, batch) in enumerate(found):
+        views = asked[8 * n : 8 * n + 8]
+        images = photos.rgb[views].contiguous(memory_format=torch.channels_last)
+        assert same_fields(fields, look_at(net, images))
+        assert set(batch) == {"image", "object_id", "R", "t", "K"}
+        assert torch.equal(batch["R"], some_poses(views[0], 2 * len(views))[0])
+    assert len(RefinerTraining(found, MODELS)) == 2 * len(asked)  # it sees both everywhere
+
+
+def test_views_are_varied_by_the_seed_alone(net: VectorFieldNet) -> None:
+    def looks(**options: int) -> MaskedFields:
+        return look_at_views(net, Photos(6), augment=0.5, **options)[0][0]
+
+    first = looks(seed=3)
+    torch.manual_seed(1)
+    assert same_fields(looks(seed=3), first)
+    assert looks(seed=4).counts.tolist() != first.counts.tolist()
+
+
+def test_images_in_which_nothing_is_seen_are_left_out(net, monkeypatch):
+    calls = []
+
+    def blind(net, images):
+        calls.append(len(images))
+        return look_at(net, images, min_pixels=20 if len(calls) == 2 else 10**6)
+
+    monkeypatch.setattr(frozen_fields, "look_at", blind)
+    assert [len(batch["K"]) for _, batch in look_at_views(net, Photos(20))] == [8]
+    assert calls == [8, 8, 4]
+    assert look_at_views(net, Photos(3)) == []
+
+
+def test_a_bar_where_it_is_asked_for(net, capsys):
+    system = VectorFieldSystem(VectorFieldNet(objects=2, keypoints=6, width=4), MODELS)
+    for show, shown in ((False, False), (None, False), (True, True)):
+        look_at_views(net, Photos(2), show=show)
+        assert ("fields" in capsys.readouterr().err) == shown
+        own_poses(system, [seen(3)], show=show)
+        assert ("poses" in capsys.readouterr().err) == shown
+
+
+def test_a_systems_own_poses() -> None:
+    """True fields give true poses; the symmetric object's are those that its field points at."""
+    net = VectorFieldNet(objects=2, keypoints=6, width=4)
+    parts = [seen(3), seen(4, 5)]
+    own = own_poses(VectorFieldSystem(net, MODELS), parts)
+    for (fields, batch), (R, t) in zip(parts, own, strict=True):
+        assert R.dtype == t.dtype == torch.float32 and len(R) == len(fields)
+        # Entries are in order of their image, and each image shows one object.
+        torch.testing.assert_close(R, batch["R"].float(), atol=1e-3, rtol=0)
+        torch.testing.assert_close(t, batch["t"].float(), atol=1e-3, rtol=0)
+    learning = RefinerTraining(parts, MODELS, own)
+    assert learning.own is not None and bool(learning.own[2].all())
+
+
+def test_own_poses_are_those_before_a_refiner() -> None:
+    net = VectorFieldNet(objects=2, keypoints=6, width=4)
+    with seeded(0):
+        refiner = FieldRefiner(MODELS, width=4, points=20)
+        torch.nn.init.normal_(refiner.net.shift[1].bias, std=0.3)
+    refining = VectorFieldSystem.named("OPEPL-R", net, MODELS, refiner)
+    ((R, t),) = own_poses(refining, [seen(3)])
+    ((R_plain, t_plain),) = own_poses(VectorFieldSystem(net, MODELS), [seen(3)])
+    assert torch.equal(R, R_plain) and torch.equal(t, t_plain)
+    refined = refining.estimate_fields(seen(3)[0], K)
+    assert np.abs(refined[0].t - t[0].numpy()).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("options", "name"), [({"most": 0}, "most"), ({"most": 1.5}, "most"), ({"seed": -1}, "seed")]
+)
+def test_bad_input_is_named(net: VectorFieldNet, options: dict[str, float], name: str) -> None:
+    with pytest.raises(ValueError, match=rf"^{name}:"):
+        look_at_views(net, Photos(2), **options)
+
+
+def test_the_digest_tells_weights_apart_and_nothing_else():
+    with seeded(0):
+        net = torch.nn.Conv2d(2, 3, 3)
+    first = weights_digest(net)
+    assert len(first) == 16
+    assert weights_digest(net.to(memory_format=torch.channels_last)) == first
+    with torch.no_grad():
+        net.weight[0, 0, 0, 0] += 1e-6
+    assert weights_digest(net) != first
