@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -14,11 +14,9 @@ from data_tools.batches.augmentation import Augmentation, Draws
 from data_tools.batches.compositing import Layers, put_behind, put_in_front
 from data_tools.batches.decoding import NONE, OUTSIDE
 from data_tools.batches.sensing import see, sense_depth
+from data_tools.batches.table import Table
 from data_tools.batches.warps import resample, turned_crop
 from posecore.arrays import fail
-
-if TYPE_CHECKING:
-    from data_tools.batches.stacking import Stack
 
 __all__ = ["make_batch"]
 
@@ -27,7 +25,7 @@ Each = Callable[[Callable[[int], T]], list[T]]
 
 
 def make_batch(
-    stack: Stack,
+    stack: Table,
     views: Tensor,
     boxes: np.ndarray,
     size: tuple[int, int],
@@ -101,7 +99,7 @@ def make_batch(
 
 
 def _draw(
-    stack: Stack, count: int, augment: Augmentation | None, generator: torch.Generator | None
+    stack: Table, count: int, augment: Augmentation | None, generator: torch.Generator | None
 ) -> Draws | None:
     if augment is None:
         return None
@@ -114,7 +112,7 @@ def _draw(
     return augment.draw(count, int(torch.randint(2**62, (), generator=generator)))
 
 
-def _cut(stack: Stack, view: int, to_new: np.ndarray, size: tuple[int, int]) -> Layers:
+def _cut(stack: Table, view: int, to_new: np.ndarray, size: tuple[int, int]) -> Layers:
     """The images of a view in other pixels."""
     known = "instance" in stack.kinds
     instance = stack.image("instance", view) if known else np.full(stack.size[::-1], NONE, np.uint8)
@@ -133,7 +131,7 @@ def _cut(stack: Stack, view: int, to_new: np.ndarray, size: tuple[int, int]) -> 
 
 
 def _compose(
-    stack: Stack,
+    stack: Table,
     layers: list[Layers],
     rows: Tensor,
     image: Tensor,
@@ -166,7 +164,7 @@ def _compose(
 
 
 def _labels(
-    stack: Stack, views: Tensor, rows: Tensor, image: Tensor, K: np.ndarray, Rz: np.ndarray
+    stack: Table, views: Tensor, rows: Tensor, image: Tensor, K: np.ndarray, Rz: np.ndarray
 ) -> dict[str, Tensor]:
     """What does not depend on pixels."""
     turn = torch.from_numpy(Rz)
@@ -186,7 +184,7 @@ def _labels(
 
 
 def _seen(
-    stack: Stack, instance: np.ndarray, rows: Tensor, image: Tensor, area: Tensor
+    stack: Table, instance: np.ndarray, rows: Tensor, image: Tensor, area: Tensor
 ) -> dict[str, Tensor]:
     """What of each object is seen: its pixels, their box, and their share of the silhouette.
 

@@ -1,32 +1,30 @@
-"""All views of a dataset at hand: what is known of them as tensors, their images as bytes."""
+"""All views of a dataset at hand, and batches that are cut out of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
-from tqdm.auto import tqdm
 
 from data_tools.batches.augmentation import Augmentation
 from data_tools.batches.decoding import make_piece
 from data_tools.batches.files import PIECE, Pieces
 from data_tools.batches.identity import identify
-from data_tools.batches.indices import to_indices, to_integers
+from data_tools.batches.indices import to_indices
 from data_tools.batches.sampling import make_batch
+from data_tools.batches.table import Table
 from data_tools.batches.warps import require_size, widened
 from data_tools.storage.store import WORLDS
 from data_tools.views import Dataset
-from posecore.arrays import fail, require_choice, require_number, to_numbers
+from posecore.arrays import fail, require_number, to_numbers
 from posecore.scale import cache_folder
 
 __all__ = ["Stack", "load"]
 
 Batch = dict[str, Tensor]
-LABELS = {"instance", "surface"}  # images that are known if all objects have masks, coordinates
 OF_OBJECTS = {"image", "row", "object_id", "category", "R", "t", "size", "box", "visible_fraction"}
 
 
@@ -67,134 +65,12 @@ def load(
     return Stack(pieces, len(dataset), depth_step, progress)
 
 
-class Stack:
-    """V views of H x W pixels with N objects in all. Made by `load`; can be pickled.
+class Stack(Table):
+    """A table of views and objects, and batches of their images. Made by `load`; can be pickled.
 
-    `frames` cuts batches of whole images, `crops` of single objects. What is not known of every
-    view, or of every object, is None.
-
-    Attributes:
-        size: (width, height) of the images in pixels.
-        kinds: of images: "rgb", "ir", "depth"; "instance" and "surface" from masks and coordinates.
-        depth_step: metres.
-        K: (V, 3, 3) float64 camera matrices.
-        T_world_cam: (V, 4, 4) float64 poses of the cameras in the world.
-        scene_id, image_id: (V,) int64.
-        group: (V,) int64; views of one instant have the same number, from 0 on.
-        categories: names; None where objects have no category.
-        view, slot: (N,) int64 the view in which an object is, ascending, and its place in it.
-        object_id: (N,) int64.
-        category: (N,) int64 index into `categories`.
-        R, t: (N, 3, 3) and (N, 3) float64 poses, metres.
-        box: (N, 4) float64 x, y, width, height of what is seen in pixels; 0 for nothing or unknown.
-        object_size: (N, 3) float64 extent along the object's axes in metres.
-        visible_fraction, full_pixels: (N,) float64, the latter of the whole silhouette.
+    `frames` cuts batches of whole images, `crops` of single objects. What the table holds is said
+    of `Table`; what is not known of every view, or of every object, is None.
     """
-
-    def __init__(self, pieces: Pieces, count: int, depth_step: float, progress: bool) -> None:
-        self._pieces, self._count, self.depth_step = pieces, count, depth_step
-        numbers = range(-(-count // PIECE))
-        quiet = not progress or all(pieces.exists(number) for number in numbers)
-        bar = tqdm(numbers, desc="stack", unit="piece", disable=quiet)
-        tables = [pieces.table(number) for number in bar]
-        shapes = [pieces.kinds(number) for number in numbers]
-        for number, shape in enumerate(shapes):
-            differ = {name for name, _ in shape.items() ^ shapes[0].items()}
-            if not differ <= LABELS or differ & shape.keys() & shapes[0].keys():
-                fail(f"view {number * PIECE}", f"images as in view 0, {shapes[0]}", shape)
-        self.kinds: tuple[str, ...] = tuple(k for k in shapes[0] if all(k in s for s in shapes))
-        self.size: tuple[int, int] = next(iter(shapes[0].values()))[1::-1]
-
-        def stack(name: str) -> Tensor | None:
-            if not all(name in table for table in tables):
-                return None
-            return torch.from_numpy(np.concatenate([table[name] for table in tables]))
-
-        self.K, self.T_world_cam = stack("K"), stack("T_world_cam")
-        self.scene_id, self.image_id = stack("scene_id"), stack("image_id")
-        groups = [group for table in tables for group in table["groups"]]
-        number_of = {group: number for number, group in enumerate(dict.fromkeys(groups))}
-        self.group = torch.tensor([number_of[group] for group in groups])
-        counts = stack("counts")
-        self.view = torch.repeat_interleave(torch.arange(count), counts)
-        self.slot = torch.arange(len(self.view)) - (counts.cumsum(0) - counts)[self.view]
-        self.object_id, self.R, self.t = stack("object_id"), stack("R"), stack("t")
-        self.box, self.object_size = stack("box"), stack("size")
-        self.visible_fraction, self.full_pixels = stack("visible_fraction"), stack("full_pixels")
-        names = [name for table in tables for name in table["categories"]]
-        self.categories = self.category = None
-        if None not in names:
-            self.categories = tuple(sorted(set(names)))
-            numbers = [self.categories.index(name) for name in names]
-            self.category = torch.tensor(numbers, dtype=torch.int64)
-
-    def __len__(self) -> int:
-        """How many views."""
-        return self._count
-
-    def __repr__(self) -> str:
-        (width, height), kinds = self.size, "+".join(self.kinds)
-        return f"Stack({len(self)} views of {width} x {height} {kinds}, {len(self.view)} objects)"
-
-    @property
-    def kind(self) -> Tensor:
-        """(N,) int64 the category, or the object where there are none."""
-        return self.object_id if self.category is None else self.category
-
-    @property
-    def groups(self) -> Tensor:
-        """(G, n) int64 views of each instant, for `frames`.
-
-        Raises:
-            ValueError: if not all instants have the same number of views.
-        """
-        counts = torch.bincount(self.group)
-        if (counts != counts[0]).any():
-            fail("groups", "the same number of views in each", counts.unique().tolist())
-        return torch.argsort(self.group, stable=True).reshape(len(counts), -1)
-
-    def rows(
-        self,
-        *,
-        object_id: int | Iterable[int] | None = None,
-        category: str | None = None,
-        visible: float = 0.0,
-    ) -> Tensor:
-        """The objects that one wants, for `crops`.
-
-        Args:
-            object_id: one or several; None for all.
-            category: one of `categories`; None for all.
-            visible: the least visible fraction. What has no box is left out in any case.
-
-        Returns:
-            (M,) int64 rows of the table of objects.
-
-        Raises:
-            ValueError: if there is no such category, or visible fractions are not known.
-        """
-        wanted = (self.box[:, 2:] > 0).all(1)
-        if object_id is not None:
-            ids = torch.from_numpy(np.atleast_1d(to_integers("object_id", object_id)))
-            wanted &= torch.isin(self.object_id, ids)
-        if category is not None:
-            require_choice("category", category, self.categories or (None,))
-            wanted &= self.category == self.categories.index(category)
-        if require_number("visible", visible, 0, 1) > 0:
-            if self.visible_fraction is None:
-                fail("visible", "0, as visible fractions are not known", visible)
-            wanted &= self.visible_fraction >= visible
-        return wanted.nonzero()[:, 0]
-
-    def check(self, views: Tensor) -> None:
-        """Make sure of the images of views, before several threads look at them at once."""
-        for number in (views // PIECE).unique().tolist():
-            self._pieces.images(number)
-
-    def image(self, kind: str, view: int) -> np.ndarray:
-        """One image as it is kept, which is not to be changed: see `data_tools.batches.files`."""
-        number, row = divmod(int(view), PIECE)
-        return self._pieces.images(number)[kind][row]
 
     def frames(
         self,

@@ -15,27 +15,6 @@ from data_tools.views import ObjectView
 from tests.data_tools.batches.conftest import K, Listed, load, make_view, open_world
 
 
-@pytest.mark.parametrize("world", ["categories", "headset", "tabletop"])
-def test_the_table_is_that_of_the_views(world, stack_of, views_of):
-    stack, views = stack_of(world), views_of(world)
-    objects = [item for view in views for item in view.objects]
-    assert len(stack) == len(views) and len(stack.R) == len(objects)
-    assert np.array_equal(stack.K, [view.K for view in views])
-    assert np.array_equal(stack.T_world_cam, [view.T_world_cam for view in views])
-    assert stack.scene_id.tolist() == [view.scene_id for view in views]
-    assert stack.image_id.tolist() == [view.image_id for view in views]
-    assert stack.view.tolist() == [i for i, view in enumerate(views) for _ in view.objects]
-    for name in ("R", "t", "visible_fraction"):
-        assert np.array_equal(getattr(stack, name), [getattr(item, name) for item in objects])
-    assert np.array_equal(stack.object_size, [item.size for item in objects])
-    assert stack.object_id.tolist() == [item.object_id for item in objects]
-    if stack.categories is not None:
-        names = [stack.categories[i] for i in stack.category]
-        assert names == [item.category for item in objects]
-    pairs = {(view.group, int(number)) for view, number in zip(views, stack.group, strict=True)}
-    assert len(pairs) == len({view.group for view in views}) == int(stack.group.max()) + 1
-
-
 def test_triples(stack_of):
     stack = stack_of("headset")
     assert stack.groups.tolist() == np.arange(48).reshape(16, 3).tolist()
@@ -47,18 +26,6 @@ def test_triples(stack_of):
     assert torch.equal(batch["ir"].flatten(0, 1), flat["ir"])
     for name in ("image", "R", "t", "box"):
         assert torch.equal(batch[name], flat[name])
-
-
-def test_rows(stack_of):
-    stack = stack_of("tabletop")
-    rows = stack.rows(object_id=[1, 5], visible=0.7)
-    assert 0 < len(rows) < len(stack.view)
-    expected = torch.isin(stack.object_id, torch.tensor([1, 5])) & (stack.visible_fraction >= 0.7)
-    assert torch.equal(rows, expected.nonzero()[:, 0])
-    assert torch.equal(stack.rows(object_id=1), stack.rows(object_id=[1]))
-    named = stack_of("categories")
-    mugs = named.rows(category="mug")
-    assert [named.categories[i] for i in named.category[mugs]] == ["mug"] * len(mugs)
 
 
 def test_the_second_time_nothing_is_decoded(stack_of, cache, monkeypatch):
@@ -291,10 +258,6 @@ BAD = [
     (lambda: STACK.crops(ROWS, boxes=[1, 2, 3, 4]), "boxes"),
     (lambda: STACK.crops(ROWS, boxes="all"), "boxes"),
     (lambda: batches.load(Listed([make_view(0)]), folder=3), "folder"),
-    (lambda: STACK.rows(category="mug"), "category"),
-    (lambda: STACK.rows(visible=0.5), "visible"),
-    (lambda: STACK.rows(visible=2), "visible"),
-    (lambda: STACK.rows(object_id="cat"), "object_id"),
     (lambda: UNSEEN.crops(torch.tensor([0])), "rows"),
     (
         lambda: UNSEEN.frames(ROWS[:1], augment=Augmentation(), generator=torch.Generator()),
