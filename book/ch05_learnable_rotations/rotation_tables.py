@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from book.tools.keys import Key
 from posecore.nets.rotation_heads import (
     REPRESENTATIONS,
     RotationCodec,
@@ -160,25 +161,28 @@ def tested_rotations(seed: int) -> Tensor:
     return random_rotations(count, generator=1_000_000 + seed, dtype=torch.float32)
 
 
-def self_regression(seed: int) -> dict[str, float]:
-    """Table IV: degrees on new rotations; under a representation's own name their mean."""
+def self_regression(seed: int) -> dict[Key, float]:
+    """Table IV: degrees on new rotations, their mean, extremes and percentiles."""
     networks, _ = train_self_regression(table_iv(codec_of(seed)), seed, _steps())
     R = tested_rotations(seed)
     numbers = {}
     for name, off in degrees_off(networks, R, R).items():
-        numbers |= {name: off.mean(), f"{name}, smallest": off.min(), f"{name}, largest": off.max()}
+        numbers[Key(name, metric="rotation")] = off.mean()
+        numbers[Key(name, metric="rotation smallest")] = off.min()
+        numbers[Key(name, metric="rotation largest")] = off.max()
         for part in (50, 90, 99, 99.9):
-            numbers[f"{name}, {part} % below"] = np.percentile(off, part)
-    return {name: float(value) for name, value in numbers.items()}
+            numbers[Key(name, metric=f"rotation percentile {part}")] = np.percentile(off, part)
+    return {key: float(value) for key, value in numbers.items()}
 
 
-def crossed_self_regression(seed: int) -> dict[str, float]:
+def crossed_self_regression(seed: int) -> dict[Key, float]:
     """Representation and loss crossed: mean and median in degrees on new rotations."""
     networks, _ = train_self_regression(crossed(codec_of(seed)), seed, _steps())
     R = tested_rotations(seed)
     numbers = {}
     for name, off in degrees_off(networks, R, R).items():
-        numbers |= {name: float(off.mean()), f"{name}, median": float(np.median(off))}
+        numbers[Key(name, metric="rotation")] = float(off.mean())
+        numbers[Key(name, metric="rotation median")] = float(np.median(off))
     return numbers
 
 

@@ -18,6 +18,7 @@ from torch import Tensor, nn
 
 import data_tools
 from book.ch05_learnable_rotations import rotation_tables as tables
+from book.tools.keys import Key
 from data_tools import batches
 from posecore.arrays import Array, array_function
 from posecore.nets.rotation_heads import RotationHead
@@ -231,7 +232,7 @@ def train_on_points(
 # Measured -----------------------------------------------------------------------------------------
 
 
-def from_images(seed: int) -> dict[str, float]:
+def from_images(seed: int) -> dict[Key, float]:
     """Degrees by which networks err on crops; representation and loss are crossed.
 
     Tests look four times at each teapot, with the camera turned about its principal ray.
@@ -247,7 +248,7 @@ def from_images(seed: int) -> dict[str, float]:
     return numbers
 
 
-def from_points(seed: int) -> dict[str, float]:
+def from_points(seed: int) -> dict[Key, float]:
     """Degrees by which networks err on clouds: the four representations of Table III, and R itself
     as the target of a loss in Euclidean space."""
     all_heads = tables.crossed(tables.codec_of(seed))
@@ -287,14 +288,15 @@ def _trained(
     return networks, history
 
 
-def _summary(split: str, degrees: dict[str, np.ndarray]) -> dict[str, float]:
+def _summary(split: str, degrees: dict[str, np.ndarray]) -> dict[Key, float]:
     """Mean, median, and the share in percent that is right to 10 and to 20 degrees."""
     numbers = {}
     for name, off in degrees.items():
-        name = f"{name}, {split}"
-        numbers |= {name: off.mean(), f"{name}, median": np.median(off)}
-        numbers |= {f"{name}, {limit}°": 100 * (off < limit).mean() for limit in (10, 20)}
-    return {name: float(value) for name, value in numbers.items()}
+        numbers[Key(name, split, "rotation")] = off.mean()
+        numbers[Key(name, split, "rotation median")] = np.median(off)
+        for limit in (10, 20):
+            numbers[Key(name, split, f"rotation < {limit} deg")] = 100 * (off < limit).mean()
+    return {key: float(value) for key, value in numbers.items()}
 
 
 @lru_cache(maxsize=4)

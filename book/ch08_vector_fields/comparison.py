@@ -14,6 +14,7 @@ from torch import Tensor
 from book.ch08_vector_fields import field_training as training
 from book.ch08_vector_fields import outcomes
 from book.tools.checkpoints import resume_folder
+from book.tools.keys import Key
 from posecore.methods.vector_field.frozen_fields import (
     look_at_views,
     own_poses,
@@ -43,6 +44,7 @@ __all__ = [
     "run",
     "train_refiner",
     "trained",
+    "visible_key",
 ]
 
 SPLITS = ("easy", "occluded")
@@ -82,7 +84,7 @@ def run(system: VectorFieldSystem, split: str) -> Found:
     return found
 
 
-def compare_losses(seed: int) -> dict[str, float]:
+def compare_losses(seed: int) -> dict[Key, float]:
     """One network for each of `LOSSES`, the same windows for all; percentages right."""
     values = {}
     for name in LOSSES:
@@ -90,16 +92,16 @@ def compare_losses(seed: int) -> dict[str, float]:
         system = VectorFieldSystem(net, training.models(), fit=FIT)
         for split in SPLITS:
             data, found = training.stack(split), run(system, split)
-            values |= _shares(f"{name}, {split}", outcomes.outcomes(data, _poses(found)))
+            values |= _shares(name, split, outcomes.outcomes(data, _poses(found)))
             if name == "pixel":
                 judged = outcomes.outcomes(data, _plain(found, split))
-                values |= _shares(f"plain PnP, {split}", judged)
+                values |= _shares("plain PnP", split, judged)
                 other = run(VectorFieldSystem(net, training.models(), fit="lines"), split)
-                values |= _shares(f"lines, {split}", outcomes.outcomes(data, _poses(other)))
+                values |= _shares("lines", split, outcomes.outcomes(data, _poses(other)))
     return values
 
 
-def compare_systems(seed: int) -> dict[str, float]:
+def compare_systems(seed: int) -> dict[Key, float]:
     """OPEPL, -R and -DR with the same network and the same refiner; and one that learnt by chance.
 
     That one has never begun with poses of the system itself.
@@ -118,20 +120,25 @@ def compare_systems(seed: int) -> dict[str, float]:
         for name in SYSTEMS:
             chosen = {key: chosen_pose(name, estimate) for key, estimate in found.items()}
             judged = outcomes.outcomes(training.stack(split), chosen)
-            values |= _shares(f"{name}, {split}", judged)
+            values |= _shares(name, split, judged)
             everything[name] += judged
         judged = outcomes.outcomes(training.stack(split), _poses(run(other, split)))
-        values |= _shares(f"by chance, {split}", judged)
+        values |= _shares("by chance", split, judged)
         large = [estimate.overlap > THRESHOLD for estimate in found.values()] or [False]
-        values[f"OPEPL-DR, {split}, refined"] = 100 * float(np.mean(large))
+        values[Key("OPEPL-DR", split, "refined")] = 100 * float(np.mean(large))
     for name, judged in everything.items():
         for low, high in itertools.pairwise(BINS):
             last = high == BINS[-1]
             some = [o for o in judged if low <= o.visible and (o.visible < high or last)]
             if some:
                 right = 100 * float(np.mean([outcome.right for outcome in some]))
-                values[f"{name}, visible {low:.2f} to {high:.2f}"] = right
+                values[visible_key(name, low, high)] = right
     return values
+
+
+def visible_key(system: str, low: float, high: float) -> Key:
+    """The key of a system's recall on both splits, of objects of which so much is visible."""
+    return Key(system, metric="add", group=f"visible {low:.2f} to {high:.2f}")
 
 
 def chosen_pose(system: str, estimate: Estimate) -> Pose:
@@ -234,10 +241,13 @@ def _plain(found: Found, split: str) -> dict[tuple[int, int], Pose]:
     return poses
 
 
-def _shares(name: str, judged: list) -> dict[str, float]:
+def _shares(name: str, split: str, judged: list) -> dict[Key, float]:
     """Percentages right: over the objects, of each of them, and by 2D projection."""
-    values = {name: outcomes.recall(judged), f"{name}, 2D": outcomes.recall(judged, "projection")}
+    values = {
+        Key(name, split, "add"): outcomes.recall(judged),
+        Key(name, split, "projection"): outcomes.recall(judged, "projection"),
+    }
     for object_id, word in zip(training.OBJECTS, training.NAMES, strict=True):
         own = [outcome for outcome in judged if outcome.object_id == object_id]
-        values[f"{name}, {word}"] = outcomes.recall(own)
+        values[Key(name, split, "add", word)] = outcomes.recall(own)
     return values

@@ -1,7 +1,7 @@
 """What chapter 8 measures: Tables 1 to 4 in small, and the corners that the paper leaves out.
 
-Networks and tests are in `08_field_training`, `08_field_outcomes`, `08_field_comparison` and
-`08_field_speed`, as whatever changes there, and not here, makes measurements stale.
+Networks and tests are in `field_training`, `outcomes`, `comparison` and `speed`. "add" is the
+recall in % by ADD(-S), "projection" that by the 2D projection metric.
 """
 
 from __future__ import annotations
@@ -12,77 +12,110 @@ from torch import Tensor
 from book.ch08_vector_fields import comparison, speed
 from book.ch08_vector_fields import field_training as training
 from book.tools.claims import Claim
+from book.tools.keys import Key
 from posecore.scale import choose
 
-ERRATA = "not in the paper"
-
-
-def _higher(
-    id: str,
-    measurement: str,
-    favoured: str,
-    other: str,
-    statement: str,
-    source: str,
-    paper: tuple[float | None, float | None] = (None, None),
-) -> Claim:
-    return Claim(id, statement, source, "higher", favoured, other, paper, measurement, "%")
-
+HIGHER = {"better": "higher", "unit": "%"}
+OURS = {"source": "not in the paper", "ours": True}
 
 CLAIMS = [
-    _higher("projection_easy", "losses", "pixel, easy", "none, easy",
-            "The projection loss raises ADD(-S)", "Table 1, average", (90.93, 86.27)),
-    _higher("projection_occluded", "losses", "pixel, occluded", "none, occluded",
-            "The projection loss raises ADD(-S) where things are occluded", "Table 3, average",
-            (41.71, 40.81)),
-    _higher("projection_2d", "losses", "pixel, easy, 2D", "none, easy, 2D",
-            "The projection loss raises the 2D projection metric", "Table 2, average",
-            (99.11, 99.00)),
-    _higher("units_easy", "losses", "pixel, easy", "unit, easy",
-            "The projection loss with vectors in pixels is better than with unit vectors", ERRATA),
-    _higher("units_occluded", "losses", "pixel, occluded", "unit, occluded",
-            "The same, occluded", ERRATA),
-    _higher("forward_easy", "losses", "pixel, easy", "printed, easy",
-            "The projection loss is better late, without vectors that point away, than as printed",
-            ERRATA),
-    _higher("forward_occluded", "losses", "pixel, occluded", "printed, occluded",
-            "The same, occluded", ERRATA),
-    _higher("weight_easy", "losses", "pixel, easy", "constant, easy",
-            "A weight that grows from 0.01 to 0.05 is better than 0.05 from the beginning",
-            "section III-B"),
-    _higher("weight_occluded", "losses", "pixel, occluded", "constant, occluded",
-            "The same, occluded", "section III-B"),
-    _higher("covariance_easy", "losses", "pixel, easy", "plain PnP, easy",
-            "PnP that knows how sure each keypoint is, is better than plain PnP",
-            "PVNet, section 3.2"),
-    _higher("covariance_occluded", "losses", "pixel, occluded", "plain PnP, occluded",
-            "The same, occluded", "PVNet, section 3.2"),
-    _higher("angles_easy", "losses", "pixel, easy", "lines, easy",
-            "Votes that end with least squares of angles are better than with those of lines",
-            ERRATA),
-    _higher("angles_occluded", "losses", "pixel, occluded", "lines, occluded",
-            "The same, occluded", ERRATA),
-    _higher("refined_easy", "systems", "OPEPL-R, easy", "OPEPL, easy",
-            "The refiner raises ADD(-S)", "Table 1, average", (91.68, 90.93)),
-    _higher("refined_occluded", "systems", "OPEPL-R, occluded", "OPEPL, occluded",
-            "The refiner raises ADD(-S) where things are occluded", "Table 3, average",
-            (42.21, 41.71)),
-    _higher("refined_2d", "systems", "OPEPL-R, easy, 2D", "OPEPL, easy, 2D",
-            "The refiner raises the 2D projection metric (the paper's table says it does not)",
-            "Table 2, average", (98.89, 99.11)),
-    _higher("own_easy", "systems", "OPEPL-R, easy", "by chance, easy",
-            "A refiner should learn from the system's own poses, not only from true ones made "
-            "wrong by chance", ERRATA),
-    _higher("own_occluded", "systems", "OPEPL-R, occluded", "by chance, occluded",
-            "The same, occluded", ERRATA),
-    _higher("discriminative_easy", "systems", "OPEPL-DR, easy", "OPEPL-R, easy",
-            "Refining where model and mask overlap is better than refining always",
-            "Table 1, average", (91.68, 91.68)),
-    _higher("discriminative_occluded", "systems", "OPEPL-DR, occluded", "OPEPL-R, occluded",
-            "The same, occluded", "Table 3, average", (42.33, 42.21)),
-    Claim("speed", "Three objects take less than three times as long as one", "Table 4, 20 fps "
-          "against three times 24", "lower", "3", "3 x 1", (1000 / 20, 3 * 1000 / 24), "speed",
-          "ms"),
+    Claim(id="projection_easy", statement="The projection loss, as mended here, raises ADD(-S)",
+          source="Table 1, average", measurement="losses",
+          favoured=Key("pixel", "easy", "add"), other=Key("none", "easy", "add"),
+          paper=(90.93, 86.27), **HIGHER),
+    Claim(id="projection_occluded",
+          statement="The projection loss, as mended here, raises ADD(-S) where things are occluded",
+          source="Table 3, average", measurement="losses",
+          favoured=Key("pixel", "occluded", "add"), other=Key("none", "occluded", "add"),
+          paper=(41.71, 40.81), **HIGHER),
+    Claim(id="projection_2d",
+          statement="The projection loss, as mended here, raises the 2D projection metric",
+          source="Table 2, average", measurement="losses",
+          favoured=Key("pixel", "easy", "projection"), other=Key("none", "easy", "projection"),
+          paper=(99.11, 99.00), **HIGHER),
+    Claim(id="units_easy",
+          statement="The projection loss with vectors in pixels is better than with unit vectors",
+          measurement="losses",
+          favoured=Key("pixel", "easy", "add"), other=Key("unit", "easy", "add"),
+          **HIGHER, **OURS),
+    Claim(id="units_occluded", statement="The same, occluded", measurement="losses",
+          favoured=Key("pixel", "occluded", "add"), other=Key("unit", "occluded", "add"),
+          **HIGHER, **OURS),
+    Claim(id="forward_easy",
+          statement="The projection loss is better late, without vectors that point away, than as "
+          "printed",
+          measurement="losses",
+          favoured=Key("pixel", "easy", "add"), other=Key("printed", "easy", "add"),
+          **HIGHER, **OURS),
+    Claim(id="forward_occluded", statement="The same, occluded", measurement="losses",
+          favoured=Key("pixel", "occluded", "add"), other=Key("printed", "occluded", "add"),
+          **HIGHER, **OURS),
+    Claim(id="weight_easy",
+          statement="A weight that begins late and grows from 0.01 to 0.05 is better than 0.05 "
+          "from the beginning",
+          source="section III-B", measurement="losses",
+          favoured=Key("pixel", "easy", "add"), other=Key("constant", "easy", "add"), **HIGHER),
+    Claim(id="weight_occluded", statement="The same, occluded",
+          source="section III-B", measurement="losses",
+          favoured=Key("pixel", "occluded", "add"), other=Key("constant", "occluded", "add"),
+          **HIGHER),
+    Claim(id="covariance_easy",
+          statement="PnP that knows how sure each keypoint is, is better than plain PnP",
+          source="PVNet, section 3.2", measurement="losses",
+          favoured=Key("pixel", "easy", "add"), other=Key("plain PnP", "easy", "add"), **HIGHER),
+    Claim(id="covariance_occluded", statement="The same, occluded",
+          source="PVNet, section 3.2", measurement="losses",
+          favoured=Key("pixel", "occluded", "add"), other=Key("plain PnP", "occluded", "add"),
+          **HIGHER),
+    Claim(id="angles_easy",
+          statement="Votes that end with least squares of angles are better than with those of "
+          "lines",
+          measurement="losses",
+          favoured=Key("pixel", "easy", "add"), other=Key("lines", "easy", "add"),
+          **HIGHER, **OURS),
+    Claim(id="angles_occluded", statement="The same, occluded", measurement="losses",
+          favoured=Key("pixel", "occluded", "add"), other=Key("lines", "occluded", "add"),
+          **HIGHER, **OURS),
+    Claim(id="refined_easy", statement="The refiner raises ADD(-S)",
+          source="Table 1, average", measurement="systems",
+          favoured=Key("OPEPL-R", "easy", "add"), other=Key("OPEPL", "easy", "add"),
+          paper=(91.68, 90.93), **HIGHER),
+    Claim(id="refined_occluded",
+          statement="The refiner raises ADD(-S) where things are occluded",
+          source="Table 3, average", measurement="systems",
+          favoured=Key("OPEPL-R", "occluded", "add"), other=Key("OPEPL", "occluded", "add"),
+          paper=(42.21, 41.71), **HIGHER),
+    Claim(id="refined_2d", statement="The refiner costs a little by the 2D projection metric",
+          source="Table 2, average", measurement="systems",
+          favoured=Key("OPEPL", "easy", "projection"),
+          other=Key("OPEPL-R", "easy", "projection"), paper=(99.11, 98.89), **HIGHER),
+    Claim(id="own_easy",
+          statement="A refiner should learn from the system's own poses, not only from true ones "
+          "made wrong by chance",
+          measurement="systems",
+          favoured=Key("OPEPL-R", "easy", "add"), other=Key("by chance", "easy", "add"),
+          **HIGHER, **OURS),
+    Claim(id="own_occluded", statement="The same, occluded", measurement="systems",
+          favoured=Key("OPEPL-R", "occluded", "add"), other=Key("by chance", "occluded", "add"),
+          **HIGHER, **OURS),
+    # Section IV-E says that both averages are the same, as nearly all is refined. Of the objects
+    # behind them none differs by more than 0.28: so far apart the paper itself calls the same.
+    Claim(id="discriminative_easy",
+          statement="Refining where model and mask overlap is as good as refining always",
+          source="Table 1, average; section IV-E", measurement="systems",
+          favoured=Key("OPEPL-DR", "easy", "add"), other=Key("OPEPL-R", "easy", "add"),
+          margin=0.28, margin_source="the largest difference of one object in Table 1, the duck's",
+          paper=(91.68, 91.68), unit="%"),
+    Claim(id="discriminative_occluded",
+          statement="Refining where model and mask overlap is better than refining always, "
+          "where things are occluded",
+          source="Table 3, average", measurement="systems",
+          favoured=Key("OPEPL-DR", "occluded", "add"), other=Key("OPEPL-R", "occluded", "add"),
+          paper=(42.33, 42.21), **HIGHER),
+    Claim(id="speed", statement="Three objects take less than three times as long as one",
+          source="Table 4, 20 fps against three times 24", measurement="speed",
+          favoured=speed.time_key(3), other=speed.THREE_TIMES_ONE,
+          paper=(1000 / 20, 3 * 1000 / 24), better="lower", unit="ms"),
 ]  # fmt: skip
 
 MEASUREMENTS = {

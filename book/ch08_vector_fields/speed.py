@@ -10,6 +10,7 @@ from torch import Tensor
 
 from book.ch08_vector_fields import comparison
 from book.ch08_vector_fields import field_training as training
+from book.tools.keys import Key
 from posecore.methods.vector_field.fields import field_targets
 from posecore.methods.vector_field.masked_fields import MaskedFields, look_at
 from posecore.methods.vector_field.network import VectorFieldNet
@@ -17,13 +18,27 @@ from posecore.methods.vector_field.systems import STAGES, VectorFieldSystem
 from posecore.nets.resnet import fold_batch_norm
 from posecore.scale import choose
 
-__all__ = ["LARGER", "measure_speed", "part_of"]
+__all__ = ["LARGER", "THREE_TIMES_ONE", "measure_speed", "part_of", "time_key"]
 
 LARGER = ((320, 240), (640, 480))
 """Width and height of images in which only the time is of interest."""
+THREE_TIMES_ONE = Key("3 x 1 object", "easy", "time")
+"""Three times the time for one object."""
 
 
-def measure_speed(seed: int) -> dict[str, float]:
+def time_key(count: int, stage: str = "", group: str = "") -> Key:
+    """The key of the time for an image of `easy`.
+
+    Args:
+        count: of objects.
+        stage: of `STAGES`; "" for all of them together.
+        group: "WIDTH x HEIGHT" of larger images; "" for those that networks are trained on.
+    """
+    method = f"{count} object" if count == 1 else f"{count} objects"
+    return Key(method, "easy", f"time of {stage}" if stage else "time", group)
+
+
+def measure_speed(seed: int) -> dict[Key, float]:
     """Milliseconds for one image with one, two and three objects, in all and by stage.
 
     The networks with fewer objects are parts of the one with three: the same but for the last
@@ -45,10 +60,11 @@ def measure_speed(seed: int) -> dict[str, float]:
             timed = _of_an_image if size == training.size() else _of_a_larger_image
             times = [timed(system, batch) for batch in (batches[0], *batches)]
             times = 1000 * np.median(times[1:], axis=0)  # the first call sets things up
-            name = f"{count}" if size == training.size() else f"{count}, {size[0]} x {size[1]}"
-            values[name] = float(times[0])
-            values |= {f"{name}, {s}": float(x) for s, x in zip(STAGES, times[1:], strict=True)}
-    values["3 x 1"] = 3 * values["1"]
+            group = "" if size == training.size() else f"{size[0]} x {size[1]}"
+            values[time_key(count, group=group)] = float(times[0])
+            for stage, spent in zip(STAGES, times[1:], strict=True):
+                values[time_key(count, stage, group)] = float(spent)
+    values[THREE_TIMES_ONE] = 3 * values[time_key(1)]
     return values
 
 

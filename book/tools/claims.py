@@ -1,118 +1,147 @@
-"""Claims: what a paper says beside what we measured over seeds, and a verdict by rule."""
+"""Claims: what a paper says beside what we measured over seeds, and a verdict by rule.
+
+A chapter declares each of its claims by name:
+
+    Claim(id="iv_6d", statement="6D errs less than quaternions", source="Table IV, mean",
+          measurement="table_iv", favoured=Key("6d", metric="rotation"),
+          other=Key("quaternion", metric="rotation"), better="lower", unit="degrees",
+          paper=(0.49, 1.52))
+"""
 
 from __future__ import annotations
 
 import html
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
 
-from posecore.arrays import fail, require_choice, require_number
+from book.tools.keys import Key
+from book.tools.verdicts import FEWEST_SEEDS, UNDECIDED, Verdict, require_side, verdict
+from posecore.arrays import fail, require_number
 
-__all__ = ["FEWEST_SEEDS", "Claim", "LedgerTable", "Row", "Verdict", "ledger_table", "verdict"]
+__all__ = [
+    "FEWEST_SEEDS",
+    "Claim",
+    "LedgerTable",
+    "Row",
+    "Verdict",
+    "ledger_table",
+    "measured",
+    "verdict",
+]
 
-HOLDS, IN_PART, NOT_HERE = "holds", "holds in part", "does not hold here"
-FEWEST_SEEDS = 3
+NAMED = 3  # of what makes a row stale
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Claim:
-    """One sentence of a paper that can be measured: `favoured` is better than `other`.
+    """One sentence that can be measured: `favoured` is better than `other`, or as good.
 
     Args:
         id: its name, unique in its ledger.
         statement, source: what the paper says, and where: "Table IV".
-        better: "higher" or "lower", which of two numbers is the better one.
-        favoured, other: the two sides, by the names that the measurement gives them.
-        paper: the paper's numbers of the two sides; None where it gives none.
         measurement: the name of the measurement that has both sides.
+        favoured, other: the two sides, by the keys that the measurement gives them.
+        better: "higher" or "lower", which of two numbers is the better one; None where the claim is
+            that both are equal.
         unit: of the numbers.
+        paper: the paper's numbers of the two sides; None where it gives none.
+        margin: of a claim that both are equal: how far apart they may be, in `unit`. It is stated
+            before anything is measured.
+        margin_source: where the margin comes from, in words.
+        ours: whether the question is our own, and no paper's.
+
+    Raises:
+        ValueError: if it has both a better side and a margin, or neither; a margin that is not
+            positive, or without a source; the paper's numbers for a question of our own; or one
+            side twice.
     """
 
     id: str
     statement: str
     source: str
-    better: str
-    favoured: str
-    other: str
-    paper: tuple[float | None, float | None]
     measurement: str
+    favoured: Key
+    other: Key
+    better: str | None = None
     unit: str = ""
+    paper: tuple[float | None, float | None] = (None, None)
+    margin: float | None = None
+    margin_source: str = ""
+    ours: bool = False
 
     def __post_init__(self) -> None:
-        require_choice("better", self.better, ("higher", "lower"))
+        require_side(self.better, self.margin)
+        if bool(self.margin_source) != (self.margin is not None):
+            fail("margin_source", "words if there is a margin, else none", repr(self.margin_source))
         if not isinstance(self.paper, tuple) or len(self.paper) != 2:
             fail("paper", "two numbers", repr(self.paper))
         for number in self.paper:
             if number is not None:
                 require_number("paper", number)
+        if self.ours and self.paper != (None, None):
+            fail("paper", "no numbers for a question of our own", repr(self.paper))
+        for name in ("favoured", "other"):
+            if not isinstance(getattr(self, name), Key):
+                fail(name, "a Key", repr(getattr(self, name)))
         if self.favoured == self.other:
-            fail("other", "another side than favoured", repr(self.other))
+            fail("other", "another side than favoured", repr(str(self.other)))
 
+    def entry(self) -> dict[str, Any]:
+        """The claim as JSON can hold it: keys as their text."""
+        sides = {"favoured": str(self.favoured), "other": str(self.other)}
+        return asdict(self) | sides | {"paper": list(self.paper)}
 
-class Verdict(NamedTuple):
-    """`words`, and the mean advantage of the favoured side with its 95 % interval."""
+    @classmethod
+    def from_entry(cls, entry: Mapping[str, Any]) -> Claim:
+        """The claim of an `entry`.
 
-    words: str
-    advantage: float
-    low: float
-    high: float
-
-
-def verdict(favoured: Sequence[float], other: Sequence[float], better: str) -> Verdict:
-    """The rule: the paired difference over seeds, and Student's interval of its mean.
-
-    "holds" if the interval lies on the paper's side of 0, "holds in part" if only the mean does,
-    "does not hold here" otherwise. Where all differences are equal the interval is one point.
-
-    Args:
-        favoured, other: one number for each seed, in the same order.
-        better: "higher" or "lower".
-
-    Raises:
-        ValueError: if there are fewer than three seeds, or the two do not pair.
-    """
-    require_choice("better", better, ("higher", "lower"))
-    sides = [
-        np.array([require_number(n, v) for v in values])
-        for n, values in (("favoured", favoured), ("other", other))
-    ]
-    count = len(sides[0])
-    if count < FEWEST_SEEDS:
-        fail("favoured", f"at least {FEWEST_SEEDS} seeds", count)
-    if len(sides[1]) != count:
-        fail("other", f"{count} seeds as in favoured", len(sides[1]))
-    gain = (sides[0] - sides[1]) * (1 if better == "higher" else -1)
-    mean = float(gain.mean())
-    # Equal differences have a mean that is off by a rounding, and so a spread that is none.
-    spread = 0.0 if np.ptp(gain) == 0 else float(gain.std(ddof=1))
-    half = float(stdtrit(count - 1, 0.975)) * spread / count**0.5
-    words = HOLDS if mean - half > 0 else IN_PART if mean > 0 else NOT_HERE
-    return Verdict(words, mean, mean - half, mean + half)
+        Raises:
+            KeyError, TypeError, ValueError: if it is no such entry.
+        """
+        sides = {name: Key.parse(entry[name]) for name in ("favoured", "other")}
+        return cls(**{**entry, **sides, "paper": tuple(entry["paper"])})
 
 
 @dataclass(frozen=True)
 class Row:
-    """A claim with its measured numbers, `values[seed][side]`, and how they were made."""
+    """A claim with its measured numbers, `values[seed][key]`, and how they were made.
+
+    `stale` names what has changed since; empty where nothing has.
+    """
 
     claim: Claim
-    values: dict[int, dict[str, float]]
-    conditions: dict[str, str]
-    stale: bool
+    values: Mapping[int, Mapping[Key, float]]
+    conditions: Mapping[str, Any]
+    stale: tuple[str, ...] = ()
 
-    def side(self, name: str) -> np.ndarray:
-        """The numbers of one side, by rising seed."""
-        return np.array([self.values[seed][name] for seed in sorted(self.values)])
+    def side(self, key: Key) -> np.ndarray:
+        """(seeds,) the numbers of one key, by rising seed."""
+        return np.array([self.values[seed][key] for seed in sorted(self.values)])
 
     @property
     def verdict(self) -> Verdict:
         """By the rule of `verdict`."""
         claim = self.claim
-        return verdict(self.side(claim.favoured), self.side(claim.other), claim.better)
+        sides = self.side(claim.favoured), self.side(claim.other)
+        return verdict(*sides, claim.better, claim.margin)
+
+
+def measured(rows: Iterable[Row], measurement: str) -> dict[Key, np.ndarray]:
+    """Key -> (seeds,) its numbers by rising seed, of one measurement; empty where it is not there.
+
+    Rows of one ledger that rest on the same measurement share all its numbers.
+    """
+    for row in rows:
+        if row.claim.measurement == measurement:
+            return {key: row.side(key) for key in next(iter(row.values.values()))}
+    return {}
+
+
+# The table ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, repr=False)
@@ -175,29 +204,62 @@ def ledger_table(rows: Iterable[Row] | Mapping[str, Iterable[Row]]) -> LedgerTab
     return LedgerTable(tuple(row for _, row in named), tuple(name for name, _ in named))
 
 
-def _number(value: float, digits: int) -> str:
-    """So many digits that count, but those before the point in any case: 1234 and not 1.23e+03."""
-    return f"{value:.{digits}g}" if abs(value) < 10 ** (digits - 1) else f"{value:.0f}"
-
-
 def _cells(row: Row) -> tuple[str, str, str, str, str]:
-    claim, result = row.claim, row.verdict
+    claim = row.claim
     unit = f" {claim.unit}" if claim.unit else ""
-    sides = (claim.favoured, claim.other)
-    paper = [f"{s} {n:g}{unit}" for s, n in zip(sides, claim.paper, strict=True) if n is not None]
+    common, names = _labels(claim.favoured, claim.other)
+    paper = [f"{s} {n:g}{unit}" for s, n in zip(names, claim.paper, strict=True) if n is not None]
+    if claim.margin is not None:
+        paper += [f"equal within {claim.margin:g}{_apart(claim)}: {claim.margin_source}"]
+    numbers = [row.side(key) for key in (claim.favoured, claim.other)]
     here = [
-        f"{s} {_number(row.side(s).mean(), 3)} ± {_number(row.side(s).std(ddof=1), 2)}{unit}"
-        for s in sides
+        f"{name} {_number(side.mean(), 3)} ± {_number(side.std(ddof=1), 2)}{unit}"
+        for name, side in zip(names, numbers, strict=True)
     ]
-    words = (
-        f"{result.words}: advantage {_number(result.advantage, 3)}{unit}, "
-        f"95 % interval {_number(result.low, 3)} to {_number(result.high, 3)}"
-    )
-    stale = "; stale: the code has changed since" if row.stale else ""
     return (
         claim.statement,
         claim.source,
-        "; ".join(paper) or "no numbers",
-        "; ".join(here),
-        words + stale,
+        "; ".join(paper) or ("our own question" if claim.ours else "no numbers"),
+        f"{common}: {'; '.join(here)}" if common else "; ".join(here),
+        _result(row),
     )
+
+
+def _labels(favoured: Key, other: Key) -> tuple[str, tuple[str, str]]:
+    """What both sides have in common, and what each has for itself."""
+    one, two = asdict(favoured), asdict(other)
+    common = [value for name, value in one.items() if value and value == two[name]]
+    own = [
+        ", ".join(side[name] for name in one if side[name] and one[name] != two[name]) or "all"
+        for side in (one, two)
+    ]
+    return ", ".join(common), (own[0], own[1])
+
+
+def _result(row: Row) -> str:
+    claim, result = row.claim, row.verdict
+    words = (
+        f"{result.words}: {'difference' if claim.better is None else 'advantage'} "
+        f"{_number(result.difference, 3)}{_apart(claim)}, "
+        f"95 % interval {_number(result.low, 3)} to {_number(result.high, 3)}"
+    )
+    if result.words == UNDECIDED and result.visible > 0:
+        seen = f"{_number(result.visible, 3)}{_apart(claim)}"
+        words += f"; a difference above {seen} could have been seen"
+    elif result.words == UNDECIDED:
+        words += "; both sides are equal in every seed"
+    if row.stale:
+        more = f" and {len(row.stale) - NAMED} more" if len(row.stale) > NAMED else ""
+        words += f"; stale: {', '.join(row.stale[:NAMED])}{more}"
+    return words
+
+
+def _apart(claim: Claim) -> str:
+    """The unit of differences: those of percentages are points."""
+    unit = "points" if claim.unit == "%" else claim.unit
+    return f" {unit}" if unit else ""
+
+
+def _number(value: float, digits: int) -> str:
+    """So many digits that count, but those before the point in any case: 1234 and not 1.23e+03."""
+    return f"{value:.{digits}g}" if abs(value) < 10 ** (digits - 1) else f"{value:.0f}"

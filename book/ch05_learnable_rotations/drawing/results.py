@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import NullFormatter
 
-from book.tools.claims import Row
+from book.tools.keys import Key, select
 from data_tools.renderer import Ambient, Light, render_colour
 from data_tools.sensors import rgb_sensor
 from data_tools.worlds.tabletop_scenes import prepared
@@ -21,7 +21,6 @@ __all__ = [
     "SAME_K",
     "crossed",
     "looks",
-    "measured",
     "same_rotation",
     "seen",
     "table_iv",
@@ -36,17 +35,10 @@ PAPER = {
     "learnable": (0.68, 1.70),
 }
 LOSSES = ("output", "chordal", "geodesic")
+SPLITS = ("easy", "occluded")
 TEAPOT = 5
 SAME_K = np.array([[260.0, 0, 279.5], [0, 260.0, 74.5], [0, 0, 1]])
 """The wide camera of `same_rotation`, 560 x 150 pixels."""
-
-
-def measured(rows: Sequence[Row], measurement: str) -> dict[str, np.ndarray]:
-    """side -> its numbers by seed, of one measurement of a ledger; empty where it is not there."""
-    for row in rows:
-        if row.claim.measurement == measurement:
-            return {side: row.side(side) for side in next(iter(row.values.values()))}
-    return {}
 
 
 def tails(errors: Mapping[str, np.ndarray]) -> Picture:
@@ -78,17 +70,19 @@ def tails(errors: Mapping[str, np.ndarray]) -> Picture:
     return figure
 
 
-def table_iv(numbers: Mapping[str, np.ndarray]) -> Picture:
+def table_iv(numbers: Mapping[Key, np.ndarray]) -> Picture:
     """Mean and largest errors, a mark for each seed, and the paper's beside them.
 
     Args:
-        numbers: "quaternion" -> (seeds,) the means, "quaternion, largest" and so on.
+        numbers: key -> (seeds,), of the metrics "rotation", the mean, and "rotation largest".
     """
-    names = [name for name in numbers if ", " not in name] or list(PAPER)
+    means, largest = (
+        {key.method: values for key, values in select(numbers, metric=metric).items()}
+        for metric in ("rotation", "rotation largest")
+    )
+    names = list(means or PAPER)
     said = "; ".join(
-        f"{name} {numbers[name].mean():.2f}° and {numbers[f'{name}, largest'].mean():.3g}°"
-        for name in names
-        if name in numbers
+        f"{name} {means[name].mean():.2f}° and {largest[name].mean():.3g}°" for name in means
     )
     figure = new_picture(
         7.4,
@@ -99,10 +93,10 @@ def table_iv(numbers: Mapping[str, np.ndarray]) -> Picture:
     )
     axes = figure.subplots()
     for place, name in enumerate(names):
-        for k, (side, marker) in enumerate(((name, "o"), (f"{name}, largest", "s"))):
+        for k, (table, marker) in enumerate(((means, "o"), (largest, "s"))):
             x = place - 0.12 + 0.24 * k
-            if side in numbers:
-                values = numbers[side]
+            if name in table:
+                values = table[name]
                 where = x + np.linspace(-0.05, 0.05, len(values))
                 axes.plot(where, values, marker, color=COLOURS[k], ms=5)
             if name in PAPER:
@@ -172,20 +166,19 @@ def looks(images: np.ndarray, R: np.ndarray, columns: int = 6) -> Picture:
     return figure
 
 
-def seen(tables: Mapping[str, Mapping[str, np.ndarray]], names: Sequence[str]) -> Picture:
+def seen(tables: Mapping[str, Mapping[Key, np.ndarray]], names: Sequence[str]) -> Picture:
     """Mean errors on the teapot by representation, a mark for each seed.
 
     Args:
-        tables: "image" or "points" -> side -> (seeds,), with the sides "NAME, easy" and
-            "NAME, occluded".
-        names: of the representations.
+        tables: "image" or "points" -> key -> (seeds,), with the splits "easy" and "occluded".
+        names: of the methods.
     """
     said = "; ".join(
-        f"from its {kind}, {name} {table[f'{name}, easy'].mean():.0f}° and "
-        f"{table[f'{name}, occluded'].mean():.0f}°"
+        f"from its {kind}, {name} "
+        + " and ".join(f"{table[_mean(name, split)].mean():.0f}°" for split in SPLITS)
         for kind, table in tables.items()
         for name in names
-        if f"{name}, easy" in table
+        if _mean(name, "easy") in table
     )
     figure = new_picture(
         8.4,
@@ -197,8 +190,8 @@ def seen(tables: Mapping[str, Mapping[str, np.ndarray]], names: Sequence[str]) -
     panels = figure.subplots(1, len(tables), sharey=True)
     for axes, (kind, table) in zip(np.atleast_1d(panels), tables.items(), strict=True):
         for place, name in enumerate(names):
-            for k, split in enumerate(("easy", "occluded")):
-                values = table.get(f"{name}, {split}", np.array([]))
+            for k, split in enumerate(SPLITS):
+                values = table.get(_mean(name, split), np.array([]))
                 where = place - 0.14 + 0.28 * k + np.linspace(-0.05, 0.05, len(values))
                 label = split if place == 0 else None
                 axes.plot(where, values, "os"[k], color=COLOURS[k], ms=6, label=label)
@@ -212,19 +205,19 @@ def seen(tables: Mapping[str, Mapping[str, np.ndarray]], names: Sequence[str]) -
     return figure
 
 
-def crossed(tables: Mapping[str, Mapping[str, np.ndarray]], endings: Mapping[str, str]) -> Picture:
+def crossed(tables: Mapping[str, Mapping[Key, np.ndarray]], splits: Mapping[str, str]) -> Picture:
     """Representation (rows) and loss (columns) crossed: mean ± deviation over seeds.
 
     Args:
-        tables: title -> side -> (seeds,).
-        endings: title -> what follows on "6d, chordal" in the names of the sides.
+        tables: title -> key -> (seeds,), with methods such as "6d, chordal".
+        splits: title -> the split, where there is one.
     """
     names = ("quaternion", "6d", "procrustes", "learnable")
     figure = new_picture(
         8.8,
         2.9,
         "Tables of mean errors, representation by loss. "
-        + " ".join(_best(title, table, endings.get(title, "")) for title, table in tables.items()),
+        + " ".join(_best(title, table, splits.get(title, "")) for title, table in tables.items()),
         "",
     )
     panels = figure.subplots(1, len(tables), sharey=True)
@@ -232,7 +225,7 @@ def crossed(tables: Mapping[str, Mapping[str, np.ndarray]], endings: Mapping[str
         means = np.full((len(names), len(LOSSES)), np.nan)
         for i, name in enumerate(names):
             for j, loss in enumerate(LOSSES):
-                values = table.get(f"{name}, {loss}{endings.get(title, '')}")
+                values = table.get(_mean(f"{name}, {loss}", splits.get(title, "")))
                 if values is None:
                     same = "as\nprocrustes" if name == "learnable" and loss != "output" else "–"
                     axes.text(j, i, same, ha="center", va="center", fontsize=8, color="0.4")
@@ -251,11 +244,15 @@ def crossed(tables: Mapping[str, Mapping[str, np.ndarray]], endings: Mapping[str
     return figure
 
 
-def _best(title: str, table: Mapping[str, np.ndarray], end: str) -> str:
+def _mean(method: str, split: str) -> Key:
+    return Key(method, split, "rotation")
+
+
+def _best(title: str, table: Mapping[Key, np.ndarray], split: str) -> str:
     sides = {
-        side.removesuffix(end): values.mean()
-        for side, values in table.items()
-        if side.endswith(end) and side.removesuffix(end).rpartition(", ")[2] in LOSSES
+        key.method: values.mean()
+        for key, values in select(table, split=split, metric="rotation").items()
+        if key.method.rpartition(", ")[2] in LOSSES
     }
     if not sides:
         return f"{title}: not measured yet."

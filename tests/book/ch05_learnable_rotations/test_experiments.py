@@ -8,6 +8,7 @@ from torch import nn
 from book.ch05_learnable_rotations import experiments as page
 from book.ch05_learnable_rotations import rotation_tables as tables
 from book.ch05_learnable_rotations import rotations_seen as seen
+from book.tools.keys import Key, select
 from posecore.cameras import project
 from posecore.nets.rotation_heads import REPRESENTATIONS, RotationHead
 from posecore.rotations import geodesic_distance, is_rotation, random_rotations
@@ -31,16 +32,18 @@ def test_numbers_are_degrees_or_percent_and_in_order(results):
     for numbers in results.values():
         assert all(0 <= value <= 180 for value in numbers.values())
     table = results["self_regression"]
-    assert {name for name in table if ", " not in name} == set(REPRESENTATIONS)
+    assert {key.method for key in table} == set(REPRESENTATIONS)
     for name in REPRESENTATIONS:
-        parts = [f"{name}, {part}" for part in ("smallest", "50 % below", "99 % below", "largest")]
-        values = [table[part] for part in parts]
-        assert values == sorted(values) and values[0] < table[name] < values[-1]
+        parts = ("smallest", "percentile 50", "percentile 99", "largest")
+        values = [table[Key(name, metric=f"rotation {part}")] for part in parts]
+        mean = table[Key(name, metric="rotation")]
+        assert values == sorted(values) and values[0] < mean < values[-1]
     for kind in ("from_images", "from_points"):
         for name in seen.FOUR:
             for split in ("easy", "occluded"):
-                numbers = results[kind]
-                assert numbers[f"{name}, {split}, 10°"] <= numbers[f"{name}, {split}, 20°"] <= 100
+                numbers = select(results[kind], method=name, split=split)
+                near, far = (numbers[Key(name, split, f"rotation < {n} deg")] for n in (10, 20))
+                assert len(numbers) == 4 and near <= far <= 100
 
 
 def test_seeds_count_from_three_on():

@@ -9,6 +9,7 @@ from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_outp
 
 from book.tools.checks import DONE, NOT_DONE, NOT_RIGHT, Answer
 from book.tools.claims import Claim, LedgerTable, Row
+from book.tools.keys import Key
 from book.tools.contents import BOOK
 from book.tools.execution import WIDGET_VIEW
 from book.tools.site import build
@@ -87,12 +88,21 @@ def _cell(code, *things):
 
 
 def _rows():
-    names = ("6D", "quaternion")
-    words = "6D beats quaternions <by far>"
-    claim = Claim("a", words, "Table IV", "lower", *names, (0.55, 2.5), "table_iv", "degrees")
-    values = {seed: {"6D": 0.5 + seed / 50, "quaternion": 2.4 - seed / 40} for seed in range(3)}
+    six, quaternion = Key("6D"), Key("quaternion")
+    claim = Claim(
+        id="a",
+        statement="6D beats quaternions <by far>",
+        source="Table IV",
+        measurement="table_iv",
+        favoured=six,
+        other=quaternion,
+        better="lower",
+        unit="degrees",
+        paper=(0.55, 2.5),
+    )
+    values = {seed: {six: 0.5 + seed / 50, quaternion: 2.4 - seed / 40} for seed in range(3)}
     conditions = {"scale": "book", "version": "0.1.0", "machine": "Linux, x86_64, 2 cores"}
-    return Row(claim, values, conditions, False), Row(claim, values, conditions, True)
+    return Row(claim, values, conditions), Row(claim, values, conditions, ("shading",))
 
 
 def _slider():

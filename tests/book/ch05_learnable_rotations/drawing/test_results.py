@@ -4,26 +4,14 @@ import numpy as np
 import pytest
 
 from book.ch05_learnable_rotations.drawing import results as page
-from book.tools.claims import Claim, Row
+from book.tools.keys import Key
 from posecore import cameras, rotations
 
 FOUR = ("quaternion, chordal", "6d, chordal", "procrustes, chordal", "learnable, output")
 
 
-def row(measurement, values):
-    sides = list(values[0])
-    claim = Claim("a", "s", "t", "lower", sides[0], sides[1], (None, None), measurement)
-    return Row(claim, dict(enumerate(values)), {}, False)
-
-
-def test_numbers_of_a_measurement_are_found_in_the_rows():
-    rows = [
-        row("one", [{"a": 1.0, "b": 2.0}] * 3),
-        row("two", [{"c": 1.0, "d": k} for k in (3, 4, 5)]),
-    ]
-    assert page.measured(rows, "two")["d"].tolist() == [3, 4, 5]
-    assert page.measured(rows, "two").keys() == {"c", "d"}
-    assert page.measured(rows, "three") == {} and page.measured([], "one") == {}
+def mean(method, split=""):
+    return Key(method, split, "rotation")
 
 
 def test_tails_are_the_shares_above_and_end_at_the_worst():
@@ -40,14 +28,17 @@ def test_tails_are_the_shares_above_and_end_at_the_worst():
 
 
 def test_table_iv_shows_every_seed_and_the_papers_numbers():
-    numbers = {"6d": np.array([0.5, 0.6, 0.7]), "6d, largest": np.array([1.5, 1.6, 1.7])}
-    numbers |= {"euler": np.array([3.0, 3.5, 4.0]), "euler, largest": np.array([170.0, 175, 178])}
-    numbers |= {"6d, smallest": np.zeros(3)}
+    numbers = {
+        mean("6d"): np.array([0.5, 0.6, 0.7]),
+        Key("6d", metric="rotation largest"): np.array([1.5, 1.6, 1.7]),
+        mean("euler"): np.array([3.0, 3.5, 4.0]),
+        Key("euler", metric="rotation largest"): np.array([170.0, 175, 178]),
+        Key("6d", metric="rotation smallest"): np.zeros(3),
+    }
     figure = page.table_iv(numbers)
     axes = figure.axes[0]
     drawn = [line.get_ydata() for line in axes.lines if len(line.get_ydata()) == 3]
-    wanted = [numbers[name] for name in ("6d", "6d, largest", "euler", "euler, largest")]
-    assert np.array_equal(drawn, wanted)
+    assert np.array_equal(drawn, list(numbers.values())[:4])
     crosses = [line.get_ydata()[0] for line in axes.lines
                if line.get_marker() == "x" and len(line.get_ydata())]  # fmt: skip
     assert crosses == [0.49, 1.78]  # it has no Euler angles
@@ -92,23 +83,25 @@ def test_axes_on_looks_turn_with_the_answer():
 
 
 def test_seen_has_a_mark_for_each_seed_and_split():
-    table = {f"{name}, {split}": np.array([10.0, 12, 14]) + 5 * k
+    table = {mean(name, split): np.array([10.0, 12, 14]) + 5 * k
              for k, name in enumerate(FOUR) for split in ("easy", "occluded")}  # fmt: skip
     figure = page.seen({"image": table, "points": {}}, FOUR)
     lines = [line.get_ydata().tolist() for line in figure.axes[0].lines]
-    assert lines == [table[f"{name}, {split}"].tolist() for name in FOUR
+    assert lines == [table[mean(name, split)].tolist() for name in FOUR
                      for split in ("easy", "occluded")]  # fmt: skip
     assert all(len(line.get_ydata()) == 0 for line in figure.axes[1].lines)
-    assert "from its image, learnable, output 27°" in figure.alt
+    assert "from its image, learnable, output 27° and 27°" in figure.alt
 
 
 def test_crossed_tables_have_means_in_their_places():
-    table = {f"{name}, {loss}": np.array([1.0, 2.0, 3.0]) * (1 + i) + j
+    table = {mean(f"{name}, {loss}"): np.array([1.0, 2.0, 3.0]) * (1 + i) + j
              for i, name in enumerate(("quaternion", "6d", "procrustes"))
              for j, loss in enumerate(("output", "chordal", "geodesic"))}  # fmt: skip
-    table["learnable, output"] = np.array([0.5, 0.5, 0.5])
-    seen = {f"{side}, easy": 10 * values for side, values in table.items()}
-    figure = page.crossed({"told R": table, "image": seen}, {"image": ", easy"})
+    table[mean("learnable, output")] = np.array([0.5, 0.5, 0.5])
+    seen = {mean(key.method, "easy"): 10 * values for key, values in table.items()}
+    seen[mean("6d, chordal", "occluded")] = np.zeros(3)  # of another split
+    seen[Key("6d, chordal", "easy", "rotation median")] = np.zeros(3)  # and another metric
+    figure = page.crossed({"told R": table, "image": seen}, {"image": "easy"})
     shown = figure.axes[0].images[0].get_array()
     assert np.allclose(shown[:3], [[2, 3, 4], [4, 5, 6], [6, 7, 8]]) and shown[3, 0] == 0.5
     assert np.allclose(figure.axes[1].images[0].get_array()[:3], 10 * shown[:3])
