@@ -10,11 +10,12 @@ in an editor or in JupyterLab. Then, for every page NN that you touched:
   pytest book -k NN                 run page, solutions and exercises, at a small scale
 
 Solutions are written in solutions/NN_name.py; exercises are generated from them, never edited.
-A new page is named in site/contents.toml. What belongs to it beside source and solutions:
+`make.py new NN name` begins a chapter. What belongs to it beside source and solutions is a package:
 
-  drawing/NN_*.py          its figures              (book.tools.parts.drawing loads them)
-  checks/NN_name.py        checks of its exercises  (book.tools.checks says how)
-  experiments/NN_name.py   what `claims` measures and `train` trains  (making/ledgers.py says how)
+  chNN_name/drawing/        its figures
+  chNN_name/checks.py       checks of its exercises                    (tools/checks.py says how)
+  chNN_name/experiments.py  what `claims` measures and `train` trains  (tools/measuring.py does)
+  chNN_name/claims.json     what was measured; chNN_name/weights/ what was trained
 """
 
 from __future__ import annotations
@@ -83,19 +84,26 @@ def start(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
 
 
 def train(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
-    """Train the networks that pages ship, into book/checkpoints."""
-    from book.tools import measuring as ledgers
+    """Train the networks that pages ship, into book/chNN_name/weights."""
+    from book.tools import measuring
 
     for page in chosen:
-        ledgers.train(page.name, BOOK, scale=arguments.scale)
+        measuring.train(page.name, BOOK, scale=arguments.scale)
 
 
 def claims(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
-    """Measure what papers claim, into book/claims; goes on where it was stopped."""
-    from book.tools import measuring as ledgers
+    """Measure what papers claim, into book/chNN_name/claims.json; goes on where it was stopped."""
+    from book.tools import confirming, measuring
 
     for page in chosen:
-        ledgers.claims(page.name, BOOK, scale=arguments.scale)
+        if arguments.status:
+            print("\n".join(measuring.status(page, BOOK)))
+        elif arguments.confirm:
+            print("\n".join(confirming.confirm(page.name, BOOK)), flush=True)
+        else:
+            measuring.claims(page.name, BOOK, scale=arguments.scale)
+            if arguments.scale in (None, "book"):
+                print("and `make.py claims --confirm` keeps what this code gives at tiny")
 
 
 def site(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
@@ -106,14 +114,20 @@ def site(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
 
 
 def check(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
-    """Say what makes the book unfit to be committed; nothing is run."""
+    """Say what makes the book unfit to be committed, and what is stale; nothing is run."""
     from book.tools import checking
 
-    found = checking.problems(BOOK, chosen if arguments.pages else None)
-    if found:
-        print("\n".join(found))
-        raise ValueError(f"{len(found)} problem{'s' * (len(found) > 1)}")
-    print("fit to be committed")
+    only = chosen if arguments.pages else None
+    found, old = checking.problems(BOOK, only), checking.stale(BOOK, only)
+    print("\n".join([*found, *old] or ["fit to be committed, and nothing is stale"]))
+    if found or (old and arguments.strict):
+        raise ValueError(
+            ", ".join(
+                f"{len(part)} {word}"
+                for part, word in ((found, f"problem{'s' * (len(found) > 1)}"), (old, "stale"))
+                if part
+            )
+        )
 
 
 COMMANDS: tuple[Callable[[Sequence[Page], argparse.Namespace], None], ...] = (
@@ -154,6 +168,16 @@ def _parser() -> argparse.ArgumentParser:
             )
         if function is execute:
             command.add_argument("--scale", choices=SCALES, default="book", help="default: book")
+        if function is check:
+            command.add_argument(
+                "--strict", action="store_true", help="fail for what is stale, too"
+            )
+        if function is claims:
+            which = command.add_mutually_exclusive_group()
+            words = "what is stale, and how long it takes to measure it again; nothing is run"
+            which.add_argument("--status", action="store_true", help=words)
+            words = "run what is stale at tiny: where all is as before it counts as measured today"
+            which.add_argument("--confirm", action="store_true", help=words)
         if function in (train, claims):
             words = "to try it: at tiny and paper the results go to book/_build/SCALE"
             command.add_argument("--scale", choices=SCALES, help=words)

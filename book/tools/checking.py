@@ -1,4 +1,4 @@
-"""What makes a book unfit to be committed. Nothing is run here; pytest runs the notebooks.
+"""What makes a book unfit to be committed, and what is stale in it. Nothing is run here.
 
 Several things that a test run of notebooks passes over are refused: outputs of other code or from
 elsewhere, marks that switch tests off, pairs that drifted apart, pages missing from the contents.
@@ -15,8 +15,10 @@ from pathlib import Path
 from nbformat import NotebookNode
 
 from book.tools.contents import BOOK, PARTS, ROOT, Page, notebooks, notebooks_of, pages
-from book.tools.execution import WIDGET_VIEW, inputs_digest
-from book.tools.exercises import generated_files
+from book.tools.execution import WIDGET_VIEW
+from book.tools.exercises import generated
+from book.tools.inputs import stale_inputs
+from book.tools.measuring import shown, stale_results
 from book.tools.notebooks import (
     cells_differ,
     code_digest,
@@ -28,14 +30,14 @@ from book.tools.notebooks import (
     source_bytes,
 )
 
-__all__ = ["LARGEST_NOTEBOOK", "LONGEST_CELL", "problems"]
+__all__ = ["LARGEST_NOTEBOOK", "LONGEST_CELL", "problems", "stale"]
 
 LARGEST_NOTEBOOK = 1_500_000
 """Bytes of an executed page."""
 LONGEST_CELL = 15
 """Lines of code in one cell of a page, without blank ones, comments and docstrings."""
 
-NOT_PAGES = {"make.py", "conftest.py"}
+NOT_PAGES = {"__init__.py", "make.py", "conftest.py"}
 NOT_OURS = {"my_work", "_build", ".ipynb_checkpoints"}
 # Tags and comments by which a test or a run passes over a cell; nbval writes them with "_" too.
 SWITCHES_OFF = {
@@ -66,16 +68,42 @@ def problems(book: Path = BOOK, only: Sequence[Page] | None = None) -> list[str]
     return found
 
 
+def stale(book: Path = BOOK, only: Sequence[Page] | None = None) -> list[str]:
+    """What is older than the code it was made from, a line each.
+
+    Args:
+        book, only: as for `problems`.
+    """
+    found = []
+    for page in pages(book) if only is None else only:
+        path = book / f"{page.name}.ipynb"
+        try:
+            results = list(stale_results(page, book))
+            if path.is_file():
+                results.append(("the page", stale_inputs(read_notebook(path), page, book)))
+        except ValueError as error:  # a file that cannot be read
+            found.append(f"{page.name}: {error}")
+            continue
+        found += [f"{page.name}, {name}: stale: {shown(why)}" for name, why in results if why]
+    return found
+
+
 def _missing(page: Page, book: Path) -> Iterator[str]:
     for path in notebooks_of(page, book):
-        for side in (path, path.with_suffix(".ipynb")):
+        for side in _files(path):
             if not side.exists():
                 yield f"{side.relative_to(book).as_posix()}: in site/contents.toml, but missing"
 
 
+def _files(notebook: Path) -> tuple[Path, ...]:
+    """A notebook, and its source if it has one."""
+    is_generated = notebook.parent.name == "exercises"
+    return (notebook,) if is_generated else (notebook, notebook.with_suffix(".py"))
+
+
 def _contents(book: Path) -> Iterator[str]:
     """Where the files are not those of the table of contents."""
-    listed = {path.with_suffix(suffix) for path in notebooks(book) for suffix in (".py", ".ipynb")}
+    listed = {file for path in notebooks(book) for file in _files(path)}
     present = {
         path
         for path in book.rglob("*.ipynb")
@@ -85,27 +113,23 @@ def _contents(book: Path) -> Iterator[str]:
         present |= {path for path in folder.glob("*.py") if path.name not in NOT_PAGES}
     for path in sorted(present - listed):
         yield f"{path.relative_to(book).as_posix()}: not in site/contents.toml"
-    names = {page.name for page in pages(book)}
-    numbers = {name.partition("_")[0] for name in names}
-    for folder, known in (("drawing", numbers), ("checks", names), ("experiments", numbers)):
-        for path in sorted((book / folder).glob("*.py")):
-            name = path.stem if known is names else path.stem.partition("_")[0]
-            if name not in known and path.stem != "__init__":
-                yield f"{folder}/{path.name}: belongs to no page of site/contents.toml"
+    packages = {page.package for page in pages(book)}
+    for path in sorted(book.glob("ch[0-9][0-9]_*")):
+        if path.name not in packages:
+            yield f"{path.name}: belongs to no page of site/contents.toml"
 
 
 def _page(page: Page, book: Path) -> Iterator[str]:
     source = book / f"{page.name}.py"
     yield from _named(source, book, _executed_page(source))
     if page.exercises:
-        for part in PARTS:
-            path = book / part / f"{page.name}.py"
-            yield from _named(path, book, _bare_notebook(path))
+        path = book / "solutions" / f"{page.name}.py"
+        yield from _named(path, book, _bare_notebook(path))
         try:
-            for path, data in generated_files(page, book).items():
-                if path.is_file() and path.read_bytes() != data:
-                    name = path.relative_to(book).as_posix()
-                    yield f"{name}: not what its solutions generate; run make.py pair"
+            path, data = generated(page, book)
+            if path.is_file() and path.read_bytes() != data:
+                name = path.relative_to(book).as_posix()
+                yield f"{name}: not what its solutions generate; run make.py pair"
         except ValueError as error:
             yield str(error)
 
@@ -125,7 +149,7 @@ def _executed_page(source: Path) -> Iterator[str]:
     yield from _pair(source)
     target = source.with_suffix(".ipynb")
     nb = read_notebook(target)
-    yield from _outputs_belong(nb, source)
+    yield from _outputs_belong(nb)
     for number, cell in _code_cells(nb):
         if _length(cell.source) > LONGEST_CELL:
             yield f"cell {number} has more than {LONGEST_CELL} lines of code"
@@ -140,7 +164,7 @@ def _executed_page(source: Path) -> Iterator[str]:
 
 
 def _bare_notebook(source: Path) -> Iterator[str]:
-    """A solution, or what students get."""
+    """A solution."""
     yield from _pair(source)
     nb = read_notebook(source.with_suffix(".ipynb"))
     if is_executed(nb):
@@ -172,7 +196,7 @@ def _pair(source: Path) -> Iterator[str]:
             yield f"cell {number} is not plain Python ({error.msg})"
 
 
-def _outputs_belong(nb: NotebookNode, source: Path) -> Iterator[str]:
+def _outputs_belong(nb: NotebookNode) -> Iterator[str]:
     """Whether the outputs are those of this code, stored by `make.py execute`."""
     note = nb.metadata.get("posecore", {})
     if not note:
@@ -180,8 +204,6 @@ def _outputs_belong(nb: NotebookNode, source: Path) -> Iterator[str]:
         return
     if note.get("code") != code_digest(nb):
         yield "outputs of other code; run make.py execute"
-    elif note.get("inputs") != inputs_digest(source):
-        yield "outputs of other drawings or claims; run make.py execute"
     elif note.get("outputs") != outputs_digest(nb):
         yield "outputs that make.py execute did not store; run it"
     if note.get("scale") != "book":

@@ -1,49 +1,64 @@
 """Networks that a page needs: loaded as they were shipped, or trained here.
 
-What a page ships is declared in `book/experiments/NAME.py`, CHECKPOINTS = {"codec": train_codec},
-and trained by `book/make.py train`. The page then says
+What a chapter ships is declared in its `experiments.py`,
 
-    codec = load_or_train("05_learnable_rotations", "codec", RotationCodec())
+    CHECKPOINTS = {"codec": Training(train_codec)}
+
+and trained by `book/make.py train` into `weights/codec.safetensors`, with `weights/codec.json`
+beside it, which says how it was made. The page then says
+
+    codec = load_or_train(experiments, "codec", RotationCodec())
 """
 
 from __future__ import annotations
 
 import hashlib
-import importlib
 import inspect
 import json
 import re
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from types import ModuleType
+from typing import Any, NamedTuple, TypeVar
 
 import safetensors
 import safetensors.torch
 import torch
 from torch import Tensor, nn
 
+from book.tools.dependencies import code_of, dependencies, reasons
+from posecore import weights
 from posecore.arrays import fail, require_choice
-from posecore.fingerprint import HOME, code_hash
 from posecore.scale import cache_folder, retrain, scale
 
-__all__ = ["load_or_train", "resume_folder"]
+__all__ = ["Training", "load_or_train", "read_about", "resume_folder", "stale_weights"]
 
 Model = TypeVar("Model", bound=nn.Module)
 
 
-def load_or_train(page: str, key: str, model: Model, *, book: Path = HOME / "book") -> Model:
-    """Give a model the weights that the page ships, and say so; train them where that cannot be.
+class Training(NamedTuple):
+    """A network that a chapter ships.
+
+    Attributes:
+        function: trains it, and returns its weights by name.
+        data: the datasets that it opens, "world/split".
+    """
+
+    function: Callable[[], Mapping[str, Tensor]]
+    data: tuple[str, ...] = ()
+
+
+def load_or_train(chapter: ModuleType, key: str, model: Model) -> Model:
+    """Give a model the weights that a chapter ships, and say so; train them where that cannot be.
 
     They are trained at another scale than that of the file, with POSECORE_RETRAIN=1, and where the
     file is absent, damaged or of another model. A file whose code has changed since is loaded: the
     line says that it is stale.
 
     Args:
-        page: a file of `book/experiments`, without its ending: "05_learnable_rotations".
-        key: a name in its CHECKPOINTS.
+        chapter: the module `book.chNN_name.experiments`, which declares CHECKPOINTS.
+        key: a name there.
         model: takes the weights.
-        book: the folder of the book.
 
     Returns:
         The same model, in evaluation mode.
@@ -51,47 +66,83 @@ def load_or_train(page: str, key: str, model: Model, *, book: Path = HOME / "boo
     Raises:
         ValueError: if there is no such declaration, or what was trained does not fit the model.
     """
-    function = _declared(page, key, book)
-    path = book / "checkpoints" / f"{page}.{key}.safetensors"
+    declared = getattr(chapter, "CHECKPOINTS", {})
+    require_choice("key", key, sorted(declared))
+    function = declared[key].function
+    path = Path(chapter.__file__ or "").parent / "weights" / f"{key}.safetensors"
     reason = _load(path, model)
     if not reason:
-        print(f"{key}: loaded from {path.name}{_age(path, function)}")
+        changed = stale_weights(path)
+        print(f"{key}: loaded from {path.name}" + (f"; stale: {changed[0]}" if changed else ""))
     else:
         print(f"{key}: {reason}, so it is trained here")
         with torch.random.fork_rng():
             torch.manual_seed(0)  # as `book/make.py train` does
-            weights = function()
+            state = function()
         try:
-            model.load_state_dict(dict(weights))
+            model.load_state_dict(dict(state))
         except (RuntimeError, TypeError, ValueError) as error:
             fail("model", f"one for the weights of {function.__qualname__}", _first_line(error))
     return model.eval()
 
 
-def resume_folder(function: Callable[..., Any], *details: object) -> Path:
+def resume_folder(function: Callable[..., Any], *details: object, data: Iterable[str] = ()) -> Path:
     """Where a training that was killed goes on, for `fit(..., resume=...)`.
 
-    Its name ends in a hash of details, scale and code, so that a changed page starts anew.
+    Its name ends in a hash of details, scale, definitions and datasets, so that a changed page, or
+    a changed world, starts anew.
 
     Args:
         function: the one that trains; its module must be importable by name.
         details: what tells its trainings apart: a seed, the name of a representation.
+        data: the datasets that it opens, "world/split".
     """
     function = inspect.unwrap(function)
-    words = (scale(), code_hash(function.__module__), *map(str, details))
+    kept = dependencies(function, data, scale())
+    words = (scale(), json.dumps(kept, sort_keys=True), *map(str, details))
     digest = hashlib.sha256(json.dumps(words).encode()).hexdigest()[:16]
     name = f"{function.__module__.rpartition('.')[2]}-{function.__qualname__}"
     return cache_folder() / "training" / f"{re.sub('[^A-Za-z0-9_-]+', '_', name)}-{digest}"
 
 
-def _declared(page: str, key: str, book: Path) -> Callable[[], Mapping[str, Tensor]]:
-    require_choice("page", page, sorted(p.stem for p in (book / "experiments").glob("*.py")))
-    if str(book.parent) not in sys.path:
-        sys.path.append(str(book.parent))  # at the end, where it hides nothing
-    module = importlib.import_module(f"{book.name}.experiments.{page}")
-    declared = getattr(module, "CHECKPOINTS", {})
-    require_choice("key", key, sorted(declared))
-    return declared[key]
+def stale_weights(path: Path) -> tuple[str, ...]:
+    """What has changed since a file of weights was trained; nothing if it is fresh.
+
+    Args:
+        path: of the weights, with a JSON file of the same name beside them.
+
+    Raises:
+        ValueError: if that file is damaged.
+    """
+    about = read_about(path)
+    if not about:
+        return (f"no {path.with_suffix('.json').name} says how it was trained",)
+    function = f"{about['module']}:{about['function']}"
+    try:
+        if weights.digest(safetensors.torch.load(path.read_bytes())) != about["digest"]:
+            return (f"{path.name} holds other weights than were trained",)
+        data = [f"{n}/{split}" for n, world in about["data"].items() for split in world["splits"]]
+        now = dependencies(function, data, about["scale"])
+        return reasons(about, now, code_of(function, data))
+    except (ValueError, safetensors.SafetensorError) as error:
+        return (f"{function}: {_first_line(error)}",)
+
+
+def read_about(path: Path) -> dict[str, Any]:
+    """How a file of weights was made; empty where nothing says so.
+
+    Raises:
+        ValueError: if the file that says so is damaged.
+    """
+    file = path.with_suffix(".json")
+    if not file.is_file():
+        return {}
+    try:
+        about = json.loads(file.read_bytes())
+        _ = (about["module"], about["function"], about["digest"], about["scale"], about["data"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{file}: damaged: {error!r}") from error
+    return about
 
 
 def _load(path: Path, model: nn.Module) -> str:
@@ -101,31 +152,17 @@ def _load(path: Path, model: nn.Module) -> str:
     if not path.is_file():
         return f"there is no {path.name}"
     try:
-        made_at = _about(path).get("scale")
-        weights = safetensors.torch.load(path.read_bytes())
+        made_at = read_about(path).get("scale")
+        state = safetensors.torch.load(path.read_bytes())
     except (safetensors.SafetensorError, ValueError) as error:
         return f"{path.name} is damaged ({_first_line(error)})"
     if made_at != scale():
         return f"{path.name} was made at {made_at} scale and this is {scale()}"
     try:
-        model.load_state_dict(weights)
+        model.load_state_dict(state)
     except RuntimeError as error:
         return f"{path.name} is of another model ({_first_line(error)})"
     return ""
-
-
-def _about(path: Path) -> dict[str, Any]:
-    """What `book/make.py train` says in the file of how it was made."""
-    with safetensors.safe_open(path, "pt") as file:
-        about = json.loads((file.metadata() or {}).get("posecore", "{}"))
-    if not isinstance(about, dict):
-        raise ValueError("metadata that is no object")
-    return about
-
-
-def _age(path: Path, function: Callable[..., Any]) -> str:
-    now = code_hash(inspect.unwrap(function).__module__)
-    return "" if _about(path).get("code") == now else "; stale: the code has changed since"
 
 
 def _first_line(error: Exception) -> str:

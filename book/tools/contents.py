@@ -25,6 +25,11 @@ class Page:
     name: str
     exercises: bool = False
 
+    @property
+    def package(self) -> str:
+        """The folder, and the package, of what belongs to it: `chNN_name`."""
+        return "ch00_index" if self.name == "index" else f"ch{self.name}"
+
 
 def pages(book: Path = BOOK) -> tuple[Page, ...]:
     """The pages in their order.
@@ -42,7 +47,7 @@ def pages(book: Path = BOOK) -> tuple[Page, ...]:
         names = [page.name for page in found]
         if wrong := [name for name in names if not NAME.fullmatch(name) or names.count(name) > 1]:
             fail("name", "index or NN_name in small letters, each once", repr(wrong[0]))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, OSError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: no table of contents: {error!r}") from error
     return found
 
@@ -62,11 +67,14 @@ def find_page(name: str, book: Path = BOOK) -> Page:
 
 
 def notebooks(book: Path = BOOK) -> tuple[Path, ...]:
-    """The source (`.py`) of every notebook: pages, solutions and what students get."""
+    """Every notebook: pages, solutions and what students get."""
     return tuple(path for page in pages(book) for path in notebooks_of(page, book))
 
 
 def notebooks_of(page: Page, book: Path = BOOK) -> tuple[Path, ...]:
-    """The sources of one page: its own, and those of its solutions and exercises."""
+    """The notebooks of one page: its own, and those of its solutions and exercises.
+
+    All have a source (`.py`) beside them but the exercises, which are generated.
+    """
     folders = [book, *(book / part for part in PARTS if page.exercises)]
-    return tuple(folder / f"{page.name}.py" for folder in folders)
+    return tuple(folder / f"{page.name}.ipynb" for folder in folders)

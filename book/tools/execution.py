@@ -24,7 +24,8 @@ from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernel
 from nbformat import NotebookNode
 from traitlets import Type
 
-from book.tools.contents import ROOT
+from book.tools.contents import ROOT, find_page
+from book.tools.inputs import inputs
 from book.tools.notebooks import (
     code_digest,
     notebook_bytes,
@@ -34,8 +35,8 @@ from book.tools.notebooks import (
     write_notebook,
 )
 from book.tools.pairs import refuse_lost_edits, set_aside
+from book.tools.variables import variables
 from posecore.arrays import require_choice
-from posecore.files import hash_files
 from posecore.scale import SCALES
 
 __all__ = [
@@ -44,7 +45,6 @@ __all__ = [
     "clean_outputs",
     "environment",
     "execute",
-    "inputs_digest",
 ]
 
 CELL_TIMEOUT = 1800
@@ -79,12 +79,12 @@ def execute(path: Path, scale: str = "book") -> NotebookNode:
     nb = read_source(source)
     if target.exists():
         refuse_lost_edits(source, target)
-    inputs = inputs_digest(source)
+    shown = inputs(nb, find_page(source.stem, source.parent), source.parent)
     _run(nb, source, scale)
     clean_outputs(nb)
     nb.metadata["posecore"] = {
         "code": code_digest(nb),
-        "inputs": inputs,
+        "inputs": shown,
         "outputs": outputs_digest(nb),
         "scale": scale,
     }
@@ -98,18 +98,6 @@ def execute(path: Path, scale: str = "book") -> NotebookNode:
     write_notebook(nb, target)
     os.utime(source)  # JupyterLab expects a source to be no older than its notebook
     return nb
-
-
-def inputs_digest(path: Path) -> str:
-    """A hash of what a page shows that is not on it: its drawings, and the ledger of claims.
-
-    Args:
-        path: either side of the pair.
-    """
-    number = path.stem.partition("_")[0]
-    files = sorted((path.parent / "drawing").glob(f"{number}*.py"))
-    files += sorted((path.parent / "claims").glob("*.json" if number == "index" else f"{number}*"))
-    return hash_files((file.name, file) for file in files)
 
 
 @contextmanager
@@ -137,19 +125,8 @@ def environment(scale: str, profile: Path) -> Iterator[None]:
         "PYTHONOPTIMIZE": None,
         "PYTHONWARNINGS": None,
     }
-    before = {name: os.environ.get(name) for name in changes}
-    _set(changes)
-    try:
+    with variables(changes):
         yield
-    finally:
-        _set(before)
-
-
-def _set(variables: dict[str, str | None]) -> None:
-    for name, value in variables.items():
-        os.environ.pop(name, None)
-        if value is not None:
-            os.environ[name] = value
 
 
 class _ThisPython(KernelSpecManager):

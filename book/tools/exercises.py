@@ -21,12 +21,12 @@ import nbformat
 from nbformat import NotebookNode
 
 from book.tools.contents import BOOK, Page
-from book.tools.notebooks import notebook_bytes, read_notebook, read_source, source_bytes, strip
+from book.tools.notebooks import read_notebook, read_source, strip
 from book.tools.pairs import set_aside
 from posecore.arrays import fail
 from posecore.files import write_bytes
 
-__all__ = ["generate", "generated_files", "start", "student_version"]
+__all__ = ["generate", "generated", "start", "student_version"]
 
 BEGIN, END = "### BEGIN SOLUTION", "### END SOLUTION"
 PLACE = "...  # your code here"
@@ -97,8 +97,8 @@ def _without_solution(source: str, place: str) -> str:
     return stub
 
 
-def generated_files(page: Page, book: Path = BOOK) -> dict[Path, bytes]:
-    """What `exercises/NAME.ipynb` and `.py` have to be, to the byte.
+def generated(page: Page, book: Path = BOOK) -> tuple[Path, bytes]:
+    """The file `exercises/NAME.ipynb`, and what it has to be, to the byte.
 
     Raises:
         ValueError: if the page has no exercises, or the solutions are not as `student_version`
@@ -106,30 +106,26 @@ def generated_files(page: Page, book: Path = BOOK) -> dict[Path, bytes]:
     """
     _require_exercises(page)
     solutions = book / "solutions" / f"{page.name}.py"
-    path = book / "exercises" / page.name
     try:
         nb = student_version(read_source(solutions))
-        files = {".ipynb": notebook_bytes(nb), ".py": source_bytes(nb)}
     except ValueError as error:
         raise ValueError(f"solutions/{solutions.name}: {error}") from error
-    return {path.with_suffix(suffix): data for suffix, data in files.items()}
+    return book / "exercises" / f"{page.name}.ipynb", _alone(nb)
 
 
 def generate(page: Page, book: Path = BOOK) -> None:
-    """Write `exercises/NAME.ipynb` and `.py` from `solutions/NAME.py`, where they differ.
+    """Write `exercises/NAME.ipynb` from `solutions/NAME.py`, where it differs.
 
     A notebook that says something else is set aside: somebody may have solved it where it lies.
 
     Raises:
-        ValueError: as `generated_files`; nothing is written then.
+        ValueError: as `generated`; nothing is written then.
     """
-    # The source last: JupyterLab expects it to be no older than the notebook.
-    for path, data in generated_files(page, book).items():
-        path.parent.mkdir(exist_ok=True)
-        if path.suffix == ".ipynb":
-            set_aside(path, data)
-        if not path.is_file() or path.read_bytes() != data:
-            write_bytes(path, data)
+    path, data = generated(page, book)
+    path.parent.mkdir(exist_ok=True)
+    set_aside(path, data)
+    if not path.is_file() or path.read_bytes() != data:
+        write_bytes(path, data)
 
 
 def start(page: Page, destination: Path = BOOK / "my_work", book: Path = BOOK) -> Path:
@@ -159,12 +155,17 @@ def start(page: Page, destination: Path = BOOK / "my_work", book: Path = BOOK) -
         raise FileExistsError(
             f"{path} is there already and stays as it is. To begin again, rename it first."
         )
-    nb = strip(read_notebook(source))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, _alone(strip(read_notebook(source))))
+    return path
+
+
+def _alone(nb: NotebookNode) -> bytes:
+    """The bytes of a notebook that no `.py` is paired with."""
+    nb = nbformat.from_dict(nb)
     # Without this, a folder's general setting would have jupytext write a .py beside it.
     nb.metadata["jupytext"] = {"formats": "ipynb"}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, nbformat.writes(nb).encode() + b"\n")
-    return path
+    return nbformat.writes(nb).encode() + b"\n"
 
 
 def _require_exercises(page: Page) -> None:

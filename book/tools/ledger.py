@@ -3,9 +3,9 @@
 A measurement is a function of a seed that returns named numbers; one measurement may serve several
 claims, as one table of a paper does:
 
-    measure("table_iv", table_iv, seeds=range(5), path=path)  # {"quaternion": 2.5, "6D": 0.55}
-    record([Claim("iv_6d", "6D beats quaternions", "Table IV", "lower", "6D", "quaternion",
-                  (0.55, 2.5), "table_iv", "degrees")], path)
+    MEASUREMENTS = {"table_iv": Measurement(table_iv, range(5))}  # {Key("6d"): 0.55, ...}
+    measure("table_iv", MEASUREMENTS["table_iv"], path)
+    record([Claim(...)], path)
     ledger_table(read_ledger(path))
 
 One process at a time may write a ledger.
@@ -17,95 +17,120 @@ import inspect
 import json
 import os
 import platform
-import tomllib
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import torch
 
 import posecore
 from book.tools.claims import FEWEST_SEEDS, Claim, Row
+from book.tools.contents import pages
+from book.tools.dependencies import code_of, dependencies, reasons
+from book.tools.keys import Key
 from posecore.arrays import fail, require_integer, require_number
 from posecore.files import write_bytes
-from posecore.fingerprint import HOME, code_hash, imported_modules
+from posecore.fingerprint import HOME
 from posecore.scale import scale
 
-__all__ = ["all_rows", "measure", "read_ledger", "record"]
+__all__ = [
+    "Measurement",
+    "all_rows",
+    "measure",
+    "read_file",
+    "read_ledger",
+    "record",
+    "stale",
+    "write_file",
+]
+
+
+class Measurement(NamedTuple):
+    """What a chapter measures.
+
+    Attributes:
+        function: `function(seed)` returns numbers by key, the same keys for every seed.
+        seeds: at least three.
+        data: the datasets that it opens, "world/split".
+        timed: whether the numbers are times, other ones in every run.
+    """
+
+    function: Callable[[int], Mapping[Key, float]]
+    seeds: Sequence[int]
+    data: tuple[str, ...] = ()
+    timed: bool = False
 
 
 def measure(
-    measurement: str,
-    function: Callable[[int], Mapping[str, float]],
-    seeds: Sequence[int],
+    name: str,
+    measurement: Measurement,
     path: Path,
-) -> dict[int, dict[str, float]]:
-    """Call `function(seed)` for every seed and keep the results in the ledger at `path`.
+    say: Callable[[str], None] = lambda line: None,
+) -> dict[int, dict[Key, float]]:
+    """Call the function for every seed and keep the results in the ledger at `path`.
 
     Every finished seed is written at once, so a measurement that was killed goes on where it was.
-    Results count only under the conditions they were made in: the code (`code_hash` of the
-    function's module), the scale, the library's version and the machine. Where one has changed, all
-    seeds are measured again; the old results stay in the ledger until the new ones are whole.
+    Results count only under the conditions they were made in: definitions, datasets, scale, the
+    library's version and the machine. Where one has changed, all seeds are measured again; the old
+    results stay in the ledger until the new ones are whole.
 
     Args:
-        measurement: its name in the ledger.
-        function: a function of a module that can be imported by name; returns finite numbers by
-            name, the same names for every seed.
-        seeds: at least three.
+        name: of the measurement in the ledger.
+        measurement: its function stands in a module that can be imported by name, and returns
+            finite numbers.
         path: the JSON file, made where there is none.
+        say: is told how long each seed took.
 
     Returns:
-        seed -> name -> number.
+        seed -> key -> number.
 
     Raises:
         ValueError: for such a function, result or seeds as above are not, or a damaged ledger.
     """
-    wanted = [require_integer("seeds", seed, low=0) for seed in seeds]
+    wanted = [require_integer("seeds", seed, low=0) for seed in measurement.seeds]
     if len(set(wanted)) < max(FEWEST_SEEDS, len(wanted)):
         fail("seeds", f"at least {FEWEST_SEEDS}, each once", wanted)
-    conditions = _conditions(function)
-    ledger = _read(path)
+    conditions = _conditions(measurement)
+    ledger = read_file(path)
     values: dict[str, Any] = {}
+    more: dict[str, Any] = {"seconds": {}}  # what is no condition
     for part in ("measurements", "unfinished"):
-        entry = ledger[part].get(measurement, {})
+        entry = ledger[part].get(name, {})
         if {key: entry.get(key) for key in conditions} == conditions:
             values.update(entry["values"])
+            more |= {key: entry[key] for key in ("seconds", "tiny", "confirmed") if key in entry}
     for seed in wanted:
         if str(seed) not in values:
-            values[str(seed)] = _checked(function(seed), values, seed)
-            ledger["unfinished"][measurement] = {**conditions, "values": values}
-            _write(path, ledger)
+            start = time.perf_counter()
+            values[str(seed)] = _checked(measurement.function(seed), values, seed)
+            more["seconds"][str(seed)] = round(time.perf_counter() - start, 1)
+            say(f"  seed {seed}: {more['seconds'][str(seed)]} s")
+            ledger["unfinished"][name] = {**conditions, **more, "values": values}
+            write_file(path, ledger)
     values = {str(seed): values[str(seed)] for seed in wanted}
-    ledger["unfinished"].pop(measurement, None)
-    ledger["measurements"][measurement] = {**conditions, "values": values}
-    _write(path, ledger)
-    return {seed: values[str(seed)] for seed in wanted}
+    ledger["unfinished"].pop(name, None)
+    ledger["measurements"][name] = {**conditions, **more, "values": values}
+    write_file(path, ledger)
+    return {seed: _keyed(values[str(seed)]) for seed in wanted}
 
 
-def _conditions(function: Callable[..., Any]) -> dict[str, str]:
-    plain = inspect.unwrap(function)
+def _conditions(measurement: Measurement) -> dict[str, Any]:
+    plain = inspect.unwrap(measurement.function)
     if not inspect.isfunction(plain):
-        fail("function", "a plain function", type(function).__name__)
-    module = plain.__module__
-    try:
-        files = imported_modules(module)
-        same = os.path.samefile(files[module], plain.__code__.co_filename)
-    except (KeyError, OSError, ValueError):
-        same = False
-    if not same:
-        fail("function", "one from a module that can be imported", f"{plain.__name__} of {module}")
+        fail("function", "a plain function", type(plain).__name__)
     return {
-        "module": module,
+        "module": plain.__module__,
         "function": plain.__qualname__,
-        "code": code_hash(module),
+        **dependencies(plain, measurement.data, scale()),
         "scale": scale(),
         "version": posecore.__version__,
-        "machine": _machine(),
+        "machine": machine(),
     }
 
 
-def _machine() -> str:
+def machine() -> str:
+    """The machine and what runs on it, in words."""
     parts = [platform.system(), platform.machine(), f"{os.cpu_count()} cores"]
     if torch.cuda.is_available():
         parts.append(torch.cuda.get_device_name())
@@ -116,11 +141,18 @@ def _checked(result: Any, values: Mapping[str, Any], seed: int) -> dict[str, flo
     where = f"function(seed={seed})"
     if not isinstance(result, Mapping) or not result:
         fail(where, "a dict of numbers", repr(result))
-    numbers = {str(name): require_number(f"{where}[{name!r}]", v) for name, v in result.items()}
+    for key in result:
+        if not isinstance(key, Key):
+            fail(where, "a Key for each number", repr(key))
+    numbers = {str(key): require_number(f"{where}[{key}]", v) for key, v in result.items()}
     names = set(next(iter(values.values()), numbers))
     if set(numbers) != names:
-        fail(where, f"the names {sorted(names)} as for the other seeds", sorted(numbers))
+        fail(where, f"the keys {sorted(names)} as for the other seeds", sorted(numbers))
     return numbers
+
+
+def _keyed(numbers: Mapping[str, float]) -> dict[Key, float]:
+    return {Key.parse(name): value for name, value in numbers.items()}
 
 
 def record(claims: Iterable[Claim], path: Path) -> None:
@@ -129,7 +161,7 @@ def record(claims: Iterable[Claim], path: Path) -> None:
     Raises:
         ValueError: if two claims have one id, or a claim's measurement or sides are not there.
     """
-    ledger, entries = _read(path), {}
+    ledger, entries = read_file(path), {}
     for claim in claims:
         if claim.id in entries:
             fail("claims", "ids that differ", f"{claim.id!r} twice")
@@ -139,46 +171,60 @@ def record(claims: Iterable[Claim], path: Path) -> None:
             fail("claims", f"a measurement of {there} for {claim.id!r}", repr(claim.measurement))
         names = next(iter(measured["values"].values()))
         for side in (claim.favoured, claim.other):
-            if side not in names:
-                fail("claims", f"sides of {sorted(names)} for {claim.id!r}", repr(side))
-        entries[claim.id] = {**asdict(claim), "place": len(entries)}
+            if str(side) not in names:
+                fail("claims", f"sides of {sorted(names)} for {claim.id!r}", repr(str(side)))
+        entries[claim.id] = {**claim.entry(), "place": len(entries)}
     ledger["claims"] = entries
-    _write(path, ledger)
+    write_file(path, ledger)
 
 
 def read_ledger(path: Path) -> list[Row]:
     """The rows of a ledger in the order they were recorded; none where there is no file.
 
-    A row is stale if the code that measured it, or anything of ours that it imports, has changed.
+    A row is stale if a definition that its measurement reached, or a dataset that it declares, has
+    changed.
 
     Raises:
         ValueError: if the file is damaged.
     """
-    ledger = _read(path)
-    codes: dict[str, str | None] = {}
+    ledger = read_file(path)
+    known: dict[str, tuple[str, ...]] = {}
     rows = []
     try:
         for entry in sorted(ledger["claims"].values(), key=lambda entry: entry["place"]):
-            fields = {k: tuple(v) if k == "paper" else v for k, v in entry.items() if k != "place"}
-            claim = Claim(**fields)
+            claim = Claim.from_entry({k: v for k, v in entry.items() if k != "place"})
             conditions = dict(ledger["measurements"][claim.measurement])
-            values = {int(seed): numbers for seed, numbers in conditions.pop("values").items()}
-            module = conditions["module"]
-            if module not in codes:
-                codes[module] = _code_now(module)
-            rows.append(Row(claim, values, conditions, codes[module] != conditions["code"]))
+            values = {int(s): _keyed(n) for s, n in conditions.pop("values").items()}
+            if claim.measurement not in known:
+                known[claim.measurement] = stale(conditions)
+            rows.append(Row(claim, values, conditions, known[claim.measurement]))
             _ = rows[-1].verdict  # fails here, with the file's name, and not on the page
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: damaged ledger: {error!r}") from error
     return rows
 
 
+def stale(conditions: Mapping[str, Any]) -> tuple[str, ...]:
+    """What has changed since a measurement was made; nothing if it is fresh.
+
+    Args:
+        conditions: an entry of `measurements` in a ledger.
+    """
+    function = f"{conditions['module']}:{conditions['function']}"
+    data = [f"{n}/{split}" for n, world in conditions["data"].items() for split in world["splits"]]
+    try:
+        now = dependencies(function, data, conditions["scale"])
+        return reasons(conditions, now, code_of(function, data))
+    except ValueError:  # it is gone, or no Python any more
+        return (f"{function} is gone",)
+
+
 def all_rows(book: Path = HOME / "book") -> dict[str, list[Row]]:
     """The rows of all ledgers, by page, in the order of the table of contents.
 
     Args:
-        book: the folder of a book: `site/contents.toml` names its pages, `claims/NAME.json` are
-            their ledgers. Found beside the library, wherever a notebook runs.
+        book: the folder of a book: `site/contents.toml` names its pages, `chNN_name/claims.json`
+            are their ledgers. Found beside the library, wherever a notebook runs.
 
     Returns:
         page -> its rows, without pages that have none; `ledger_table` shows them.
@@ -186,26 +232,23 @@ def all_rows(book: Path = HOME / "book") -> dict[str, list[Row]]:
     Raises:
         ValueError: if there is no table of contents, a ledger is damaged, or belongs to no page.
     """
-    contents = Path(book) / "site" / "contents.toml"
-    try:
-        pages = [page["name"] for page in tomllib.loads(contents.read_text("utf-8"))["page"]]
-    except (KeyError, OSError, TypeError, ValueError) as error:
-        raise ValueError(f"book: expected {contents} to name its pages: {error!r}") from error
-    folder = Path(book) / "claims"
-    if strays := {path.stem for path in folder.glob("*.json")} - set(pages):
-        fail("book", f"a page for each ledger in {folder}", f"{sorted(strays)} without one")
-    rows = {page: read_ledger(folder / f"{page}.json") for page in pages}
+    files = {page.name: Path(book) / page.package / "claims.json" for page in pages(Path(book))}
+    if strays := sorted(set(Path(book).glob("ch*/claims.json")) - set(files.values())):
+        names = [path.parent.name for path in strays]
+        fail("book", "a page for each ledger", f"{names} without one")
+    rows = {page: read_ledger(path) for page, path in files.items()}
     return {page: found for page, found in rows.items() if found}
 
 
-def _code_now(module: str) -> str | None:
-    try:
-        return code_hash(module)
-    except ValueError:  # it is gone, or no Python any more
-        return None
+# The file -----------------------------------------------------------------------------------------
 
 
-def _read(path: Path) -> dict[str, dict[str, Any]]:
+def read_file(path: Path) -> dict[str, dict[str, Any]]:
+    """A ledger as it is on disk: "claims", "measurements" and "unfinished", each by name.
+
+    Raises:
+        ValueError: if the file is damaged.
+    """
     ledger: dict[str, dict[str, Any]] = {"claims": {}, "measurements": {}, "unfinished": {}}
     if not Path(path).exists():
         return ledger
@@ -226,7 +269,7 @@ def _refuse(text: str) -> NoReturn:
     raise ValueError(f"{text} is no number")
 
 
-def _write(path: Path, ledger: dict[str, dict[str, Any]]) -> None:
+def write_file(path: Path, ledger: Mapping[str, Mapping[str, Any]]) -> None:
     """The same ledger gives the same bytes, and the old or the new file is there, never a part."""
     content = {key: value for key, value in ledger.items() if value}
     text = json.dumps(content, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)

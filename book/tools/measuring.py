@@ -1,13 +1,13 @@
-"""What a page measures and trains: its ledger of claims and its checkpoints.
+"""What a chapter measures and trains: its ledger of claims and the networks that it ships.
 
-`experiments/NN_name.py` declares any of
+`chNN_name/experiments.py` declares any of
 
-    CLAIMS = [Claim("iv_6d", ..., measurement="table_iv")]
-    MEASUREMENTS = {"table_iv": (table_iv, range(5))}    # function(seed) -> {"6D": 0.55, ...}
-    CHECKPOINTS = {"codec": train_codec}                 # function() -> {"weight": tensor, ...}
+    CLAIMS = [Claim(id="iv_6d", ..., measurement="table_iv")]
+    MEASUREMENTS = {"table_iv": Measurement(table_iv, range(5), data=("tabletop/easy",))}
+    CHECKPOINTS = {"codec": Training(train_codec)}       # function() -> {"weight": tensor, ...}
 
-A measurement is stale as soon as the file of its function changes, or a file of ours that it
-imports: functions that are slow to measure stand in a module of their own, away from `CLAIMS`.
+A result is stale as soon as a definition that its function reaches changes, or a dataset that it
+declares; `make.py claims NN --confirm` (`book.tools.confirming`) finds out whether that matters.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ import os
 import re
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import wraps
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -30,31 +29,34 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
+from book.tools.checkpoints import Training, read_about, stale_weights
 from book.tools.claims import Claim, Row, ledger_table
-from book.tools.contents import BOOK, find_page
-from book.tools.ledger import all_rows, measure, read_ledger, record
+from book.tools.contents import BOOK, Page, find_page
+from book.tools.dependencies import dependencies
+from book.tools.ledger import Measurement, measure, read_file, read_ledger, record, stale
+from book.tools.variables import variables
+from posecore import weights
 from posecore.arrays import fail, require_choice
 from posecore.files import write_bytes
-from posecore.fingerprint import code_hash
 from posecore.scale import SCALES
 from posecore.scale import scale as scale_in_force
 
-__all__ = ["LARGEST", "SEED", "all_rows", "claims", "train"]
+__all__ = ["LARGEST", "SEED", "claims", "declared", "stale_results", "status", "train"]
 
 LARGEST = 2_000_000  # bytes of a checkpoint
 SEED = 0  # of torch's own generator, from which layers take their first weights
 
 
 def claims(page: str, book: Path = BOOK, *, scale: str | None = None) -> list[Row]:
-    """Measure the claims of a page, record them in `claims/NN_name.json` and print the table.
+    """Measure the claims of a page, record them in its `claims.json` and print the table.
 
     Every finished seed is kept at once: stopped at any moment, the next call goes on from there.
 
     Args:
         page: name or number of the page.
         book: the folder of a book.
-        scale: measures at this scale and, if it is not "book", records in `_build/SCALE/claims`.
-            Not given, the scale in force counts, and must be "book".
+        scale: measures at this scale and, if it is not "book", records in `_build/SCALE`. Not
+            given, the scale in force counts, and must be "book".
 
     Returns:
         The rows of the ledger; none where the page declares no claims.
@@ -63,16 +65,16 @@ def claims(page: str, book: Path = BOOK, *, scale: str | None = None) -> list[Ro
         ValueError: if the page, the scale or a declaration is not as it should be, or a ledger is
             damaged. Errors of the measured functions come through; finished seeds are kept.
     """
-    name = find_page(page, book).name
+    found = find_page(page, book)
     with _at(scale, book) as (folder, now):
-        declared = _declared(name, book, ("CLAIMS", "MEASUREMENTS"), "nothing to measure")
-        if declared is None:
+        module = _experiments(found, book, ("CLAIMS", "MEASUREMENTS"), "nothing to measure")
+        if module is None:
             return []
-        stated, measurements = _checked_claims(*declared)
-        path = folder / "claims" / f"{name}.json"
-        for key, (function, seeds) in measurements.items():
-            _say(f"{name}, {key}: {len(seeds)} seeds at {now} scale")
-            measure(key, _timed(function), seeds, path)
+        stated, measurements, _ = declared(module)
+        path = folder / found.package / "claims.json"
+        for key, measurement in measurements.items():
+            _say(f"{found.name}, {key}: {len(measurement.seeds)} seeds at {now} scale")
+            measure(key, measurement, path, say=_say)
         record(stated, path)
         rows = read_ledger(path)
     _say(f"{ledger_table(rows)!r}\n{path}")
@@ -80,14 +82,13 @@ def claims(page: str, book: Path = BOOK, *, scale: str | None = None) -> list[Ro
 
 
 def train(page: str, book: Path = BOOK, *, scale: str | None = None) -> list[Path]:
-    """Train what a page ships, into `checkpoints/NN_name.KEY.safetensors`.
+    """Train what a page ships, into its `weights/KEY.safetensors`.
 
-    A file appears whole or not at all. Its metadata `posecore` is JSON: page, key, the `code_hash`
-    of the training function's module, scale, seed.
+    A file appears whole or not at all. `KEY.json` beside it says how it was made: the digest of the
+    weights, and what they depend on.
 
     Args:
-        page, book, scale: as in `claims`; at another scale the folder is
-            `_build/SCALE/checkpoints`.
+        page, book, scale: as in `claims`.
 
     Returns:
         The files; none where the page declares no checkpoints.
@@ -97,93 +98,152 @@ def train(page: str, book: Path = BOOK, *, scale: str | None = None) -> list[Pat
             finite, or takes more than 2 MB. A file of before stays as it was.
         OSError: if a file cannot be written, or does not read back as what was written.
     """
-    name = find_page(page, book).name
+    found = find_page(page, book)
     with _at(scale, book) as (folder, now):
-        declared = _declared(name, book, ("CHECKPOINTS",), "nothing to train")
-        if declared is None:
+        module = _experiments(found, book, ("CHECKPOINTS",), "nothing to train")
+        if module is None:
             return []
         written = []
-        for key, function in _checked_checkpoints(*declared).items():
-            about = {"code": code_hash(inspect.unwrap(function).__module__), "key": key}
-            about |= {"page": name, "scale": now, "seed": SEED}
+        for key, training in declared(module)[2].items():
+            about = about_training(training, now)
             start = time.perf_counter()
-            with torch.random.fork_rng():
-                torch.manual_seed(SEED)
-                tensors = function()
-            data = _packed(f"CHECKPOINTS[{key!r}]", tensors, about)
-            path = folder / "checkpoints" / f"{name}.{key}.safetensors"
+            tensors = trained(training)
+            data = _packed(f"CHECKPOINTS[{key!r}]", tensors)
+            about["digest"] = weights.digest(safetensors.torch.load(data))
+            path = folder / found.package / "weights" / f"{key}.safetensors"
             path.parent.mkdir(parents=True, exist_ok=True)
             write_bytes(path, data)
             if path.read_bytes() != data:
                 raise OSError(f"{path}: does not read back as it was written")
-            _say(f"{name}, {key}: {_seconds(start)}, {len(data) / 1e6:.2f} MB at {path}")
+            write_about(path, about)
+            _say(f"{found.name}, {key}: {_seconds(start)}, {len(data) / 1e6:.2f} MB at {path}")
             written.append(path)
     return written
 
 
-# What is declared --------------------------------------------------------------------------------
+def about_training(training: Training, scale: str) -> dict[str, Any]:
+    """How a network is made, as `KEY.json` keeps it."""
+    function = inspect.unwrap(training.function)
+    names = {"module": function.__module__, "function": function.__qualname__}
+    return {**names, **dependencies(function, training.data, scale), "scale": scale, "seed": SEED}
 
 
-def _declared(name: str, book: Path, parts: tuple[str, ...], without: str) -> list[Any] | None:
-    """The declarations of these names, empty where absent; None, with a word, without all."""
-    file = book / "experiments" / f"{name}.py"
-    if not file.is_file():
-        return _say(f"{name}: {without}, as there is no {file.parent.name}/{file.name}")
-    module = _import(f"{book.resolve().name}.experiments.{name}", file)
-    found = [getattr(module, part, {}) for part in parts]
-    if not any(found):
-        return _say(f"{name}: {without}, as {file.name} declares no {' and no '.join(parts)}")
-    return found
+def trained(training: Training) -> Mapping[str, Tensor]:
+    """The weights, with torch's own random numbers as they are in every training."""
+    with torch.random.fork_rng():
+        torch.manual_seed(SEED)
+        return training.function()
 
 
-def _import(module: str, file: Path) -> ModuleType:
-    root = str(file.resolve().parents[2])
-    if root not in sys.path:
-        sys.path.insert(0, root)
-    # Afresh, since numbers chosen by scale may stand at the top of the file.
-    sys.modules.pop(module, None)
-    importlib.invalidate_caches()
-    imported = importlib.import_module(module)
-    if not os.path.samefile(imported.__file__ or "", file):
-        fail("book", f"a folder whose {module} is found first", f"that of {imported.__file__}")
-    return imported
+def write_about(path: Path, about: Mapping[str, Any]) -> None:
+    """Write `KEY.json` beside a file of weights."""
+    text = json.dumps(about, indent=1, sort_keys=True, ensure_ascii=False)
+    write_bytes(path.with_suffix(".json"), text.encode() + b"\n")
 
 
-def _checked_claims(stated: Any, measurements: Any) -> tuple[list[Claim], dict[str, Any]]:
-    """Refused before hours are spent on measuring."""
+# What is stale ------------------------------------------------------------------------------------
+
+
+def stale_results(page: Page, book: Path = BOOK) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """The measurements and weights of a page that are stale, each with what has changed."""
+    folder = book / page.package
+    for name, entry in read_file(folder / "claims.json")["measurements"].items():
+        if changed := stale(entry):
+            yield name, changed
+    for path in sorted((folder / "weights").glob("*.safetensors")):
+        if changed := stale_weights(path):
+            yield f"weights/{path.name}", changed
+
+
+def status(page: Page, book: Path = BOOK) -> list[str]:
+    """What measuring a page anew would take, a line for each stale measurement or network."""
+    lines, folder = [], book / page.package
+    measured = read_file(folder / "claims.json")["measurements"]
+    for name, changed in stale_results(page, book):
+        entry = measured.get(name) or read_about(folder / name)
+        seconds = sum((entry.get("seconds") or {}).values())
+        minutes = f"{seconds / 60:.0f} minutes" if seconds else "a time that was not kept"
+        lines.append(f"{page.name}, {name}: stale: {shown(changed)}; measured anew in {minutes}")
+    return lines or [f"{page.name}: nothing is stale"]
+
+
+def shown(changed: Sequence[str], most: int = 3) -> str:
+    """The first few names, and how many more there are."""
+    more = f" and {len(changed) - most} more" if len(changed) > most else ""
+    return ", ".join(changed[:most]) + more
+
+
+# What is declared ---------------------------------------------------------------------------------
+
+
+def declared(
+    module: ModuleType,
+) -> tuple[list[Claim], dict[str, Measurement], dict[str, Training]]:
+    """The claims, measurements and trainings of a module of experiments.
+
+    Raises:
+        ValueError: naming what is no such declaration, before hours are spent on it.
+    """
+    stated, measurements, trainings = (
+        getattr(module, name, {}) for name in ("CLAIMS", "MEASUREMENTS", "CHECKPOINTS")
+    )
     for claim in stated if isinstance(stated, Iterable) else [stated]:
         if not isinstance(claim, Claim):
             fail("CLAIMS", "a list of Claim", repr(claim))
-    if not isinstance(measurements, Mapping):
-        fail("MEASUREMENTS", "a dict", type(measurements).__name__)
-    checked = {}
-    for key, value in measurements.items():
-        pair = value if isinstance(value, tuple) and len(value) == 2 else (None, None)
-        if not inspect.isfunction(pair[0]) or not isinstance(pair[1], Sequence):
-            fail(f"MEASUREMENTS[{key!r}]", "(function, seeds)", repr(value))
-        checked[key] = pair
+    for name, mapping, kind in (
+        ("MEASUREMENTS", measurements, Measurement),
+        ("CHECKPOINTS", trainings, Training),
+    ):
+        if not isinstance(mapping, Mapping):
+            fail(name, "a dict", type(mapping).__name__)
+        for key, value in mapping.items():
+            if not isinstance(key, str) or not re.fullmatch("[a-z0-9_]+", key):
+                fail(name, "names of small letters, digits and _", repr(key))
+            if not isinstance(value, kind) or not inspect.isfunction(
+                inspect.unwrap(value.function)
+            ):
+                fail(f"{name}[{key!r}]", f"a {kind.__name__} of a function", repr(value))
     ids = [claim.id for claim in stated]
     for claim in stated:
         wanted = claim.measurement
-        if wanted not in checked:
-            fail("CLAIMS", f"a measurement of {sorted(checked)} for {claim.id!r}", repr(wanted))
+        if wanted not in measurements:
+            there = sorted(measurements)
+            fail("CLAIMS", f"a measurement of {there} for {claim.id!r}", repr(wanted))
         if ids.count(claim.id) > 1:
             fail("CLAIMS", "ids that differ", f"{claim.id!r} twice")
-    return list(stated), checked
+    return list(stated), dict(measurements), dict(trainings)
 
 
-def _checked_checkpoints(checkpoints: Any) -> dict[str, Callable[[], Any]]:
-    if not isinstance(checkpoints, Mapping):
-        fail("CHECKPOINTS", "a dict", type(checkpoints).__name__)
-    for key, function in checkpoints.items():
-        if not (isinstance(key, str) and re.fullmatch("[a-z0-9_]+", key)):
-            fail("CHECKPOINTS", "names of small letters, digits and _", repr(key))
-        if not inspect.isfunction(inspect.unwrap(function)):
-            fail(f"CHECKPOINTS[{key!r}]", "a function", repr(function))
-    return dict(checkpoints)
+def _experiments(page: Page, book: Path, parts: tuple[str, ...], without: str) -> ModuleType | None:
+    """The module of experiments; None, with a word, where it declares none of the parts."""
+    file = book / page.package / "experiments.py"
+    if not file.is_file():
+        return _say(f"{page.name}: {without}, as there is no {file.parent.name}/{file.name}")
+    module = import_experiments(page, book)
+    if not any(getattr(module, part, None) for part in parts):
+        return _say(f"{page.name}: {without}, as {file.name} declares no {' and no '.join(parts)}")
+    return module
 
 
-def _packed(name: str, tensors: Any, about: Mapping[str, Any]) -> bytes:
+def import_experiments(page: Page, book: Path = BOOK) -> ModuleType:
+    """The module of a page's experiments, imported afresh.
+
+    Numbers chosen by scale may stand at the top of the file.
+
+    Raises:
+        ValueError: if another book of the same name is found first.
+    """
+    file = book.resolve() / page.package / "experiments.py"
+    name = f"{book.resolve().name}.{page.package}.experiments"
+    sys.modules.pop(name, None)
+    importlib.invalidate_caches()
+    imported = importlib.import_module(name)
+    if not os.path.samefile(imported.__file__ or "", file):
+        fail("book", f"a folder whose {name} is found first", f"that of {imported.__file__}")
+    return imported
+
+
+def _packed(name: str, tensors: Any) -> bytes:
     """The bytes of a checkpoint, the same for the same weights, once they are fit to be shipped."""
     if not isinstance(tensors, Mapping) or not tensors:
         fail(name, "a dict of tensors", repr(tensors)[:80])
@@ -196,8 +256,7 @@ def _packed(name: str, tensors: Any, about: Mapping[str, Any]) -> bytes:
             fail(f"{name}[{key!r}]", "finite weights", f"{count} that are not")
         # A copy of its own: tied weights share memory, which the format refuses.
         kept[key] = tensor.detach().cpu().contiguous().clone()
-    # One entry only: safetensors writes several in an order that changes from run to run.
-    data = safetensors.torch.save(kept, {"posecore": json.dumps(about, sort_keys=True)})
+    data = safetensors.torch.save(kept)
     if len(data) > LARGEST:
         fail(name, f"at most {LARGEST / 1e6:g} MB", f"{len(data) / 1e6:.2f} MB")
     back = safetensors.torch.load(data)
@@ -213,29 +272,12 @@ def _packed(name: str, tensors: Any, about: Mapping[str, Any]) -> bytes:
 @contextmanager
 def _at(scale: str | None, book: Path) -> Iterator[tuple[Path, str]]:
     """The folder to write into and the scale, which is in force inside."""
-    before = os.environ.get("POSECORE_SCALE")
     if scale is None and scale_in_force() != "book":
-        fail("POSECORE_SCALE", "book, or --scale to write elsewhere", repr(before))
+        fail("POSECORE_SCALE", "book, or --scale to write elsewhere", repr(scale_in_force()))
     now = "book" if scale is None else scale
     require_choice("scale", now, SCALES)
-    os.environ["POSECORE_SCALE"] = now
-    try:
+    with variables({"POSECORE_SCALE": now}):
         yield (book if now == "book" else book / "_build" / now), now
-    finally:
-        del os.environ["POSECORE_SCALE"]
-        if before is not None:
-            os.environ["POSECORE_SCALE"] = before
-
-
-def _timed(function: Callable[[int], Any]) -> Callable[[int], Any]:
-    @wraps(function)  # the ledger asks what it wraps
-    def timed(seed: int) -> Any:
-        start = time.perf_counter()
-        result = function(seed)
-        _say(f"  seed {seed}: {_seconds(start)}")
-        return result
-
-    return timed
 
 
 def _seconds(start: float) -> str:

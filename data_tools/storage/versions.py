@@ -2,58 +2,57 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from posecore.arrays import fail
-from posecore.files import hash_files
+from posecore.fingerprint import PACKAGES, closure, digest
 
-__all__ = ["code_version"]
+__all__ = ["code_version", "remember_sources"]
 
-_LOADED: dict[str, str] = {}  # hashes of loaded modules, as they were when first asked for
+_LOADED: dict[str, tuple[Path, bytes]] = {}  # sources of loaded modules, as they were at first
 
 
-def code_version(*modules: str) -> str:
-    """A hash of the source of modules, to be the version of the worlds that they make.
+def code_version(*roots: Callable[..., Any] | str) -> str:
+    """A hash of the definitions that functions or modules reach, to be the version of a world.
 
-    A comment changes it too: a world made once too often costs minutes, an old one taken for new
-    costs the trust in every number. Line ends do not count, as Git may change them. What the
-    modules import does not count unless it is named as well.
+    Comments, docstrings and lines that only refuse do not count, nor where a definition stands; see
+    `posecore.fingerprint.closure`.
 
     Args:
-        modules: names such as "data_tools.worlds"; of a package all modules in it.
+        roots: functions, or names of modules; of a package all modules in it count.
 
     Returns:
-        16 hexadecimal digits, the same for every order of the names.
+        16 hexadecimal digits, the same for every order of the roots.
 
     Raises:
-        ValueError: if there are none, or one is no module with a source.
-        RuntimeError: if one was loaded and has been changed since the first call: what this process
-            makes would be taken for what the new source makes.
+        ValueError: if one is no function or module with a source.
+        RuntimeError: if a definition was loaded and has been changed since `remember_sources`: what
+            this process makes would be taken for what the new source makes.
     """
-    if not modules:
-        fail("modules", "at least one name", "none")
-    sources = {module: _sources(module) for module in sorted(set(modules), key=str)}
-    for module in sources.keys() & sys.modules.keys():
-        version = hash_files(sources[module])
-        if _LOADED.setdefault(module, version) != version:
-            raise RuntimeError(f"{module}: its source has changed; start Python or the kernel anew")
-    return hash_files(source for files in sources.values() for source in files)
+    now = closure(*roots)
+    edited = {name: data for name, (path, data) in _LOADED.items() if _bytes(path) != data}
+    if edited:
+        loaded = closure(*roots, sources=edited)
+        if loaded.definitions != now.definitions:
+            names = sorted({name for name, _ in loaded.definitions ^ now.definitions})
+            raise RuntimeError(
+                f"{', '.join(names[:3])}: the source has changed; start Python or the kernel anew"
+            )
+    return digest(now)
 
 
-def _sources(module: str) -> list[tuple[str, Path]]:
-    """The files of a module, named alike on every machine."""
+def remember_sources(packages: tuple[str, ...] = PACKAGES) -> None:
+    """Keep the sources of the modules that are loaded by now: those that this process will run."""
+    for name, module in list(sys.modules.items()):
+        file = getattr(module, "__file__", None)
+        if name not in _LOADED and file and name.partition(".")[0] in packages:
+            _LOADED[name] = (Path(file), _bytes(Path(file)))
+
+
+def _bytes(path: Path) -> bytes:
     try:
-        spec = importlib.util.find_spec(module)
-    except (ImportError, ValueError, AttributeError, TypeError):
-        spec = None
-    origin = Path(spec.origin) if spec is not None and spec.origin else None
-    if origin is None or origin.suffix != ".py" or not origin.is_file():
-        fail("modules", "names of modules with a source", repr(module))
-    if origin.name != "__init__.py":
-        return [(module, origin)]
-    files = sorted(
-        (p.relative_to(origin.parent).as_posix(), p) for p in origin.parent.rglob("*.py")
-    )
-    return [(f"{module}/{name}", path) for name, path in files]
+        return path.read_bytes()
+    except OSError:  # it is gone
+        return b""

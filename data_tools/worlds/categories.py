@@ -22,7 +22,7 @@ from data_tools.renderer import render_labels
 from data_tools.shapes import CATEGORIES, make_category
 from data_tools.views import ObjectView, View
 from data_tools.worlds.category_scenes import INSTANCES, draw_scene, photographs
-from data_tools.worlds.world import Recipe, Size, World, generator
+from data_tools.worlds.world import Recipe, Size, World, WorldModels, generator
 from posecore.arrays import fail, require_choice, require_integer
 from posecore.poses import to_matrix
 
@@ -189,11 +189,8 @@ WORLD = World(
     },
     record=_record,
     views=_views,
-    modules=(
-        __name__,
-        "data_tools.worlds.category_scenes",
-        "data_tools.worlds.placing",
-    ),
     object_ids=tuple(_ALL),
-    meshes={number: functools.partial(make_category, *which) for number, which in _ALL.items()},
+    models=WorldModels(
+        {number: functools.partial(make_category, *which) for number, which in _ALL.items()}
+    ),
 )

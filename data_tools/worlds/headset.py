@@ -34,7 +34,7 @@ from data_tools.shapes import GLASSES, PIVOT, make_glasses, make_subject
 from data_tools.shapes.mesh import Mesh
 from data_tools.views import ObjectView, View
 from data_tools.worlds.cabin import make_cabin, windows
-from data_tools.worlds.world import Recipe, Size, World, generator
+from data_tools.worlds.world import Recipe, Size, World, WorldModels, generator
 from posecore.arrays import fail, require_integer, to_numbers
 from posecore.poses import compose, from_matrix, relative, to_matrix
 from posecore.rotations import euler_to_matrix, matrix_to_euler, require_rotation
@@ -287,8 +287,9 @@ WORLD = World(
     },
     record=_record,
     views=_views,
-    modules=(__name__, "data_tools.worlds.cabin"),
     views_per_record=len(CAMERAS),
     object_ids=(1, 2, 3, 4, HEAD),
-    meshes={number + 1: functools.partial(_mesh, number) for number in range(len(GLASSES))},
+    models=WorldModels(
+        {number + 1: functools.partial(_mesh, number) for number in range(len(GLASSES))}
+    ),
 )

@@ -30,7 +30,7 @@ from data_tools.worlds.tabletop_scenes import (
     make_object,
     prepared,
 )
-from data_tools.worlds.world import Recipe, Size, World, generator
+from data_tools.worlds.world import Recipe, Size, World, WorldModels, generator
 
 __all__ = ["DEPTH_SCALE", "KINDS", "WORLD", "intrinsics", "record", "silhouettes", "views"]
 
@@ -40,11 +40,15 @@ KINDS = ("single", "fused", "single", "fused", "table")
 DEPTH_SCALE = 0.1
 """Millimetres of a step in depth, as in BOP's files."""
 
+SPLITS = ("train", "easy", "occluded")
 SIZES = {
     "tiny": Size(96, 72, {"train": 40, "easy": 10, "occluded": 10}),
     "book": Size(320, 240, {"train": 2000, "easy": 150, "occluded": 150}),
     "paper": Size(640, 480, {"train": 20_000, "easy": 1000, "occluded": 1000}),
 }
+
+
+MODELS = WorldModels({object_id: functools.partial(make_object, object_id) for object_id in IDS})
 
 
 def intrinsics(width: int, height: int) -> np.ndarray:
@@ -125,7 +129,7 @@ def views(recipe: Recipe, index: int, record: dict[str, Any]) -> list[View]:
     """The view of a record."""
     objects = []
     for row, object_id in enumerate(record["ids"]):
-        info = WORLD.models.info(object_id)
+        info = MODELS.info(object_id)
         mask = record["instance"] == row
         pixels = int(mask.sum())
         objects.append(
@@ -143,7 +147,7 @@ def views(recipe: Recipe, index: int, record: dict[str, Any]) -> list[View]:
         )
     view = View(
         K=intrinsics(recipe["width"], recipe["height"]),
-        scene_id=1 + WORLD.splits.index(recipe["split"]),
+        scene_id=1 + SPLITS.index(recipe["split"]),
         image_id=index,
         rgb=record["rgb"],
         depth=(record["depth"] * DEPTH_SCALE / 1000).astype(np.float32),
@@ -188,7 +192,7 @@ def _to_world(R: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 @functools.cache
 def _symmetries(object_id: int) -> np.ndarray:
-    return WORLD.models.info(object_id).symmetries()
+    return MODELS.info(object_id).symmetries()
 
 
 WORLD = World(
@@ -196,11 +200,6 @@ WORLD = World(
     sizes=SIZES,
     record=record,
     views=views,
-    modules=(
-        "data_tools.worlds.tabletop",
-        "data_tools.worlds.tabletop_scenes",
-        "data_tools.worlds.placing",
-    ),
     object_ids=IDS,
-    meshes={object_id: functools.partial(make_object, object_id) for object_id in IDS},
+    models=MODELS,
 )

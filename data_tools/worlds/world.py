@@ -13,12 +13,11 @@ disk yet is made when the first view is asked for, and never again.
     def views(recipe, index, record):
         return [View(...)]
 
-    WORLD = World("tabletop", sizes=SIZES, record=record, views=views, modules=(__name__,))
+    WORLD = World("tabletop", sizes=SIZES, record=record, views=views)
 """
 
 from __future__ import annotations
 
-import functools
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,7 +27,7 @@ import numpy as np
 
 from data_tools.bop.models import ModelInfo
 from data_tools.shapes.mesh import Mesh
-from data_tools.storage import Store, code_version
+from data_tools.storage import Store, code_version, remember_sources
 from data_tools.views import Dataset, View
 from posecore.arrays import fail, require_choice
 from posecore.scale import SCALES, scale
@@ -40,13 +39,6 @@ Recipe = dict[str, Any]
 "height" and "seed"."""
 
 Record = dict[str, Any]
-SHARED = (
-    "data_tools.worlds.world",
-    "data_tools.shapes",
-    "data_tools.textures",
-    "data_tools.renderer",
-    "data_tools.sensors",
-)
 
 
 @dataclass(frozen=True)
@@ -73,10 +65,9 @@ class World:
         record: `record(recipe, index)` makes a record as `Store` keeps it; a function of a module,
             so that other processes can call it, and the same record whenever it is called.
         views: `views(recipe, index, record)` turns what was kept into `views_per_record` views.
-        modules: whose source decides how records look, besides those that all worlds share.
         views_per_record: more than 1 where several cameras see the same instant.
         object_ids: the objects that occur.
-        meshes: by object id, what makes its mesh; None where no two instances are alike.
+        models: the objects; None where no two instances are alike.
         seed: of the whole world.
         shard_size: records in a file.
     """
@@ -85,16 +76,15 @@ class World:
     sizes: Mapping[str, Size]
     record: Callable[[Recipe, int], Record]
     views: Callable[[Recipe, int, Record], Sequence[View]]
-    modules: tuple[str, ...]
     object_ids: tuple[int, ...]
     views_per_record: int = 1
-    meshes: Mapping[int, Callable[[], Mesh]] | None = None
+    models: WorldModels | None = None
     seed: int = 0
     shard_size: int = 16
 
     def __post_init__(self) -> None:
         # As early as can be: what is edited from now on is not what this process will run.
-        code_version(*SHARED, *self.modules)
+        remember_sources()
 
     def __repr__(self) -> str:
         return f"World({self.name!r}, splits {', '.join(self.splits)})"
@@ -131,7 +121,7 @@ class World:
             self.recipe(split, scale_name),
             self._size(split, scale_name).counts[split],
             self.record,
-            version=code_version(*SHARED, *self.modules),
+            version=code_version(*self.code),
             shard_size=self.shard_size,
         )
 
@@ -163,10 +153,10 @@ class World:
             fail("source", f"just {self.name!r}", repr(f"{self.name}:{path}"))
         return WorldDataset(self, split, scale, processes=processes, progress=progress, whole=whole)
 
-    @functools.cached_property
-    def models(self) -> WorldModels | None:
-        """The objects; None where no two are alike."""
-        return None if self.meshes is None else WorldModels(self.meshes)
+    @property
+    def code(self) -> tuple[Callable[..., Any], ...]:
+        """The functions that decide what is seen: of records, views and meshes."""
+        return self.record, self.views, *(self.models.makers.values() if self.models else ())
 
     def _size(self, split: str, scale_name: str | None) -> Size:
         name = scale() if scale_name is None else scale_name
@@ -261,10 +251,13 @@ class WorldModels:
 
     Args:
         meshes: by object id, what makes its mesh.
+
+    Attributes:
+        makers: the same, in ascending order.
     """
 
     def __init__(self, meshes: Mapping[int, Callable[[], Mesh]]) -> None:
-        self._makers = dict(sorted(meshes.items()))
+        self.makers = dict(sorted(meshes.items()))
         self._meshes: dict[int, Mesh] = {}
         self._infos: dict[int, ModelInfo] = {}
 
@@ -274,7 +267,7 @@ class WorldModels:
     @property
     def ids(self) -> tuple[int, ...]:
         """The objects' ids in ascending order."""
-        return tuple(self._makers)
+        return tuple(self.makers)
 
     def info(self, object_id: int) -> ModelInfo:
         """Diameter, box and symmetries of an object.
@@ -294,7 +287,7 @@ class WorldModels:
         """
         require_choice("object_id", object_id, self.ids)
         if object_id not in self._meshes:
-            self._meshes[object_id] = self._makers[object_id]()
+            self._meshes[object_id] = self.makers[object_id]()
         return self._meshes[object_id]
 
 

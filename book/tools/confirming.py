@@ -1,0 +1,161 @@
+"""Stale results confirmed: what they are made from has changed, but not what comes out.
+
+With each result is kept what the same code gave at `tiny`, seed 0, on one thread. After an edit
+that should change nothing, the code of today gives the same at `tiny`, bit for bit, and so do the
+datasets; then the result counts as that of today's code, "confirmed at tiny". Not confirmed can be
+times, and what has other numbers at its own scale: a run at `tiny` does not see them.
+"""
+
+from __future__ import annotations
+
+import platform
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from book.tools.checkpoints import Training, read_about
+from book.tools.contents import BOOK, find_page
+from book.tools.dependencies import code_of, dependencies, reasons, records_digest
+from book.tools.ledger import Measurement, read_file, write_file
+from book.tools.measuring import declared, import_experiments, shown, trained, write_about
+from book.tools.variables import variables
+from posecore import weights
+
+__all__ = ["confirm"]
+
+
+def confirm(page: str, book: Path = BOOK) -> list[str]:
+    """Confirm what is stale of a page by running it at `tiny`, and keep what runs of today give.
+
+    What is fresh is only run where nothing of this kind of machine is kept yet: do that before an
+    edit. Results that cannot be confirmed stay as they are, stale.
+
+    Args:
+        page: name or number of the page.
+        book: the folder of a book.
+
+    Returns:
+        A line for each measurement and each network.
+
+    Raises:
+        ValueError: if the page, a declaration or a ledger is not as it should be. Errors of what is
+            run come through; what was confirmed before them is kept.
+    """
+    found = find_page(page, book)
+    folder = book / found.package
+    path = folder / "claims.json"
+    lines = []
+    with _at_tiny():
+        if not (folder / "experiments.py").is_file():
+            return [f"{found.name}: nothing to confirm"]
+        _, measurements, trainings = declared(import_experiments(found, book))
+        for name, measurement in measurements.items():
+            ledger = read_file(path)
+            entry = ledger["measurements"].get(name)
+            if entry is None:
+                lines.append(f"{found.name}, {name}: not measured yet")
+                continue
+            words = _confirm(entry, measurement, lambda m=measurement: _values(m))
+            write_file(path, ledger)
+            lines.append(f"{found.name}, {name}: {words}")
+        for name, training in trainings.items():
+            file = folder / "weights" / f"{name}.safetensors"
+            if not (about := read_about(file)):
+                lines.append(f"{found.name}, {file.name}: nothing says how it was trained")
+                continue
+            words = _confirm(about, training, lambda t=training: _digest(t))
+            write_about(file, about)
+            lines.append(f"{found.name}, {file.name}: {words}")
+    return lines
+
+
+def _confirm(
+    entry: dict[str, Any], declared: Measurement | Training, run: Callable[[], Mapping[str, Any]]
+) -> str:
+    """Confirm one result, or keep what it gives at tiny; says in words what was done."""
+    function = declared.function
+    now = dependencies(function, declared.data, entry["scale"])
+    changed = reasons(entry, now, code_of(function, declared.data))
+    kept = entry.get("tiny", {})
+    here = kept.get("machine") == _machine()
+    if not changed and (here or getattr(declared, "timed", False)):
+        return "fresh"
+    why = "" if not changed else _refused(entry, now, kept, here, declared)
+    if why:
+        return f"stale: {shown(changed)}; {why}"
+    found = {
+        "machine": _machine(),
+        "values": dict(run()),
+        "data": {source: records_digest(source) for source in declared.data},
+    }
+    if changed:
+        if different := _differing(kept, found):
+            return f"stale: {shown(changed)}; other at tiny: {different}"
+        names = {"module": function.__module__, "function": function.__qualname__}
+        entry |= names | now | {"confirmed": "tiny"}
+    entry["tiny"] = found
+    return (
+        f"confirmed at tiny ({shown(changed)})" if changed else "fresh; kept what it gives at tiny"
+    )
+
+
+def _refused(
+    entry: Mapping[str, Any],
+    now: Mapping[str, Any],
+    kept: Mapping[str, Any],
+    here: bool,
+    declared: Measurement | Training,
+) -> str:
+    """Why a run at tiny could not confirm this, in words; empty where it could."""
+    if getattr(declared, "timed", False):
+        return "times cannot be confirmed"
+    if not kept:
+        return "nothing of before is kept to compare with"
+    if not here:
+        return f"what is kept was made on another kind of machine ({kept['machine']})"
+    if entry["numbers"] != now["numbers"]:
+        return f"other numbers at {entry['scale']} scale"
+    splits = [{n: w["splits"] for n, w in side["data"].items()} for side in (entry, now)]
+    return "other data" if splits[0] != splits[1] else ""
+
+
+def _differing(kept: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    """What is not the same, by its first name; empty where all is."""
+    for part in ("data", "values"):
+        before, after = kept[part], found[part]
+        for name in sorted(before.keys() | after.keys()):
+            if before.get(name) != after.get(name):
+                return f"{name} is {after.get(name)}, was {before.get(name)}"
+    return ""
+
+
+def _values(measurement: Measurement) -> dict[str, float]:
+    return {str(key): float(value) for key, value in measurement.function(0).items()}
+
+
+def _digest(training: Training) -> dict[str, str]:
+    return {"digest": weights.digest(trained(training))}
+
+
+def _machine() -> str:
+    """All on which the last bits of a result depend."""
+    parts = (platform.system(), platform.machine(), torch.backends.cpu.get_cpu_capability())
+    return ", ".join([*parts, f"Python {platform.python_version()}", f"torch {torch.__version__}"])
+
+
+@contextmanager
+def _at_tiny() -> Iterator[None]:
+    """Scale tiny, one thread, and a cache of its own, in which nothing is found again."""
+    threads = torch.get_num_threads()
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as cache:
+        changes = {"POSECORE_SCALE": "tiny", "POSECORE_CACHE": cache, "POSECORE_RETRAIN": None}
+        torch.set_num_threads(1)
+        try:
+            with variables(changes):
+                yield
+        finally:
+            torch.set_num_threads(threads)

@@ -1,0 +1,120 @@
+"""What a measurement or a training depends on: its definitions, and the datasets it declares.
+
+kept = dependencies(from_images, ("tabletop/train", "tabletop/easy"), "book")
+reasons(kept, dependencies(...))    # ["shading._lambert", "tabletop/easy: its count"]
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import data_tools
+from data_tools.storage.records import encode_record
+from data_tools.worlds.world import WorldDataset
+from posecore.arrays import fail
+from posecore.fingerprint import Closure, changes, closure
+
+__all__ = ["code_of", "dependencies", "open_world", "reasons", "records_digest"]
+
+OPENING = "data_tools.worlds.world:World"
+"""What finds the records of any world, and reads them."""
+
+
+def dependencies(
+    function: Callable[..., Any] | str, data: Iterable[str], scale: str
+) -> dict[str, Any]:
+    """What the result of a function depends on, as JSON can hold it.
+
+    Args:
+        function: or its name, "module:function".
+        data: the datasets that it opens, "world/split".
+        scale: at which it runs.
+
+    Returns:
+        "definitions", as `Closure.text`; "numbers", a hash of what is chosen by scale; and "data":
+        by world its "definitions" and by split its recipe and count.
+
+    Raises:
+        ValueError: if there is no such function, world or split.
+    """
+    code = code_of(function, data)
+    worlds: dict[str, dict[str, Any]] = {}
+    for source in sorted(set(data)):
+        name, _, split = source.partition("/")
+        dataset = open_world(source, scale)
+        if name not in worlds:
+            worlds[name] = {"definitions": closure(*dataset.world.code).text, "splits": {}}
+        worlds[name]["splits"][split] = {**dataset.store.recipe, "count": len(dataset.store)}
+    return {"definitions": code.text, "numbers": code.numbers(scale), "data": worlds}
+
+
+def code_of(
+    function: Callable[..., Any] | str, data: Iterable[str] = (), *, refusals: bool = False
+) -> Closure:
+    """The definitions of a function, and, if it opens worlds, of what reads them.
+
+    Args:
+        function, data: as for `dependencies`.
+        refusals: as for `closure`.
+    """
+    return closure(function, *([OPENING] if tuple(data) else []), refusals=refusals)
+
+
+def open_world(source: str, scale: str) -> WorldDataset:
+    """A split of a world at a scale, nothing of it made.
+
+    Raises:
+        ValueError: if `source` is not "world/split" of a world of ours.
+    """
+    name, _, split = source.partition("/")
+    dataset = data_tools.open(name, split=split or None, scale=scale, whole=False)
+    if not isinstance(dataset, WorldDataset):
+        fail("data", "a world and a split, 'tabletop/train'", repr(source))
+    return dataset
+
+
+def records_digest(source: str, scale: str = "tiny") -> str:
+    """16 hexadecimal digits of all records of a split; makes what is missing."""
+    store = open_world(source, scale).store
+    store.make(progress=False)
+    total = hashlib.sha256()
+    for record in store:
+        total.update(encode_record(record))
+    return total.hexdigest()[:16]
+
+
+def reasons(kept: Mapping[str, Any], now: Mapping[str, Any], code: Closure) -> tuple[str, ...]:
+    """Why a result is stale: the names of what has changed since; none if it is fresh.
+
+    Args:
+        kept, now: `dependencies` of then and of today.
+        code: the closure of today, which knows where definitions stand.
+    """
+    found = changes(kept["definitions"], code)
+    for name in sorted(kept["data"].keys() | now["data"].keys()):
+        before, after = (side["data"].get(name) for side in (kept, now))
+        if before is None or after is None:
+            found.append(f"{name}: {'no longer' if after is None else 'not yet'} declared")
+            continue
+        if before["definitions"] != after["definitions"]:
+            world = open_world(f"{name}/{next(iter(after['splits']))}", "tiny").world
+            found += changes(before["definitions"], closure(*world.code))
+        if before["splits"] != after["splits"]:
+            found.append(f"{name}: {_differing(before['splits'], after['splits'])}")
+    return tuple(dict.fromkeys(found))
+
+
+def _differing(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
+    """Which splits and which of their numbers differ."""
+    if before.keys() != after.keys():
+        return f"splits {', '.join(after)} and no longer {', '.join(before)}"
+    parts = {
+        f"{split} {key}"
+        for split in after
+        for key in before[split].keys() | after[split].keys()
+        if json.dumps(before[split].get(key)) != json.dumps(after[split].get(key))
+    }
+    return ", ".join(sorted(parts))

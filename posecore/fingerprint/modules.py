@@ -1,0 +1,203 @@
+"""Modules as files: what each defines at its top level, and what it imports from where."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+
+__all__ = ["HOME", "PACKAGES", "Module", "find_module", "origins"]
+
+PACKAGES = ("posecore", "data_tools", "book")
+"""The packages of this project; what others change, a pinned environment keeps still."""
+HOME = Path(__file__).resolve().parents[2]
+"""The folder they stand in. A notebook's kernel runs elsewhere, and may find another `book`."""
+
+Origin = tuple[str, str | None]
+"""Where a name comes from: a module, and a name in it; None for the module itself."""
+
+
+@dataclass(eq=False)
+class Module:
+    """A module's file, taken apart.
+
+    Attributes:
+        name: such as "posecore.metrics.add".
+        path: of the file.
+        definitions: by name, the statements at the top level that give it its value.
+        imports: by name, where it comes from.
+        doors: the same of imports under `if TYPE_CHECKING`, which a `__getattr__` makes true.
+        stars: modules of which everything is imported.
+        loose: statements that give no name a value, such as a call.
+    """
+
+    name: str
+    path: Path
+    definitions: dict[str, list[ast.stmt]] = field(default_factory=dict)
+    imports: dict[str, Origin] = field(default_factory=dict)
+    doors: dict[str, Origin] = field(default_factory=dict)
+    stars: list[str] = field(default_factory=list)
+    loose: list[ast.stmt] = field(default_factory=list)
+
+    @property
+    def package(self) -> str:
+        """What its relative imports start from."""
+        return self.name if self.path.stem == "__init__" else self.name.rpartition(".")[0]
+
+
+def find_module(name: str, sources: Mapping[str, bytes] | None = None) -> Module | None:
+    """The module of this name, or None where there is no file of Python.
+
+    Args:
+        name: such as "posecore.metrics".
+        sources: by name, what counts in place of a file's content.
+
+    Raises:
+        ValueError: if it is no Python.
+    """
+    path = _find_file(name)
+    if path is None:
+        return None
+    data = (sources or {}).get(name)
+    return _parsed(name, path, path.read_bytes() if data is None else data)
+
+
+@lru_cache(maxsize=1024)
+def _parsed(name: str, path: Path, data: bytes) -> Module:
+    try:
+        tree = ast.parse(data)
+    except (SyntaxError, ValueError) as error:
+        raise ValueError(f"{path}: no Python: {error}") from error
+    module = Module(name, path)
+    for statement in tree.body:
+        _enter(module, statement)
+    return module
+
+
+def _find_file(name: str) -> Path | None:
+    top, *rest = name.split(".")
+    for root in _roots(top):
+        place = root.joinpath(*rest)
+        for path in (place / "__init__.py", place.with_suffix(".py") if rest else None):
+            if path is not None and path.is_file():
+                return path
+    if not rest:  # a single module, as a script's neighbour
+        spec = _spec(top)
+        if spec is not None and spec.origin and spec.origin.endswith(".py"):
+            return Path(spec.origin)
+    return None
+
+
+def _roots(top: str) -> list[Path]:
+    """The folders of a package; of this project's own only the one beside this file."""
+    if top in PACKAGES and (HOME / top).is_dir():
+        return [HOME / top]
+    spec = _spec(top)
+    return [Path(p) for p in (spec.submodule_search_locations or [])] if spec is not None else []
+
+
+def _spec(top: str) -> ModuleSpec | None:
+    if top == "__main__":  # a script or a notebook, which has no file of its own to read again
+        return None
+    try:
+        return importlib.util.find_spec(top)
+    except (ImportError, ValueError):  # a module put together by hand
+        return None
+
+
+# Statements at the top level ----------------------------------------------------------------------
+
+
+def _enter(module: Module, statement: ast.stmt) -> None:
+    if isinstance(statement, ast.Import | ast.ImportFrom):
+        _enter_import(module, statement, module.imports)
+    elif isinstance(statement, ast.If) and "TYPE_CHECKING" in ast.unparse(statement.test):
+        for inner in ast.walk(statement):
+            if isinstance(inner, ast.Import | ast.ImportFrom):
+                _enter_import(module, inner, module.doors)
+    elif isinstance(statement, ast.If) and "__name__" in ast.unparse(statement.test):
+        pass  # what a script does
+    elif not _says_nothing(statement):
+        # Also inside `if`, `try`, `for` and `with`, which then belong to every name they define.
+        for inner in ast.walk(statement):
+            if isinstance(inner, ast.Import | ast.ImportFrom) and not isinstance(
+                statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
+            ):
+                _enter_import(module, inner, module.imports)
+        names = _defined(statement) - {"__all__"}
+        for name in names:
+            module.definitions.setdefault(name, []).append(statement)
+        if not names and not _assigns_all(statement):
+            module.loose.append(statement)
+
+
+def _enter_import(
+    module: Module, statement: ast.Import | ast.ImportFrom, imports: dict[str, Origin]
+) -> None:
+    imports |= origins(statement, module.package)
+    if isinstance(statement, ast.ImportFrom) and statement.names[0].name == "*":
+        module.stars.append(imports.pop("*")[0])
+
+
+def origins(statement: ast.Import | ast.ImportFrom, package: str) -> dict[str, Origin]:
+    """What the names that an import gives stand for.
+
+    Args:
+        statement: the import.
+        package: that a relative one starts from.
+    """
+    if isinstance(statement, ast.Import):
+        return {
+            alias.asname or alias.name.partition(".")[0]: (
+                alias.name if alias.asname else alias.name.partition(".")[0],
+                None,
+            )
+            for alias in statement.names
+        }
+    above = package.split(".")[: len(package.split(".")) + 1 - statement.level]
+    base = ".".join([*(above if statement.level else []), *filter(None, [statement.module])])
+    return {alias.asname or alias.name: (base, alias.name) for alias in statement.names}
+
+
+def _says_nothing(statement: ast.stmt) -> bool:
+    is_text = isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
+    return is_text or isinstance(statement, ast.Pass | ast.Raise | ast.Assert)
+
+
+def _assigns_all(statement: ast.stmt) -> bool:
+    return _defined(statement) == {"__all__"} or (
+        isinstance(statement, ast.AnnAssign) and statement.value is None
+    )
+
+
+def _defined(statement: ast.stmt) -> set[str]:
+    """Names to which a statement at the top level gives a value, or changes it."""
+    if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return {statement.name}
+    if isinstance(statement, ast.Assign):
+        return {name for target in statement.targets for name in _bases(target)}
+    if isinstance(statement, ast.AnnAssign | ast.AugAssign):
+        return _bases(statement.target) if statement.value is not None else set()
+    found: set[str] = set()
+    for _, value in ast.iter_fields(statement):
+        for inner in value if isinstance(value, list) else [value]:
+            if isinstance(inner, ast.stmt | ast.excepthandler | ast.match_case):
+                found |= _defined(inner)  # type: ignore[arg-type]
+    if isinstance(statement, ast.For | ast.AsyncFor):
+        found |= _bases(statement.target)
+    return found
+
+
+def _bases(target: ast.expr) -> set[str]:
+    """The names that an assignment changes: `x`, of `x[0]` and `x.y` also x."""
+    if isinstance(target, ast.Name):
+        return {target.id}
+    if isinstance(target, ast.Tuple | ast.List):
+        return {name for element in target.elts for name in _bases(element)}
+    if isinstance(target, ast.Subscript | ast.Attribute | ast.Starred):
+        return _bases(target.value)
+    return set()
