@@ -18,7 +18,6 @@
 # book itself, and every number that we measured was printed by a cell beside it.
 
 # %%
-
 from book.ch00_index.drawing import the_map as draw
 
 draw.map_of_the_book()
@@ -100,10 +99,14 @@ print("This page runs at scale:", scale())
 # ## What the papers claim, and what we measured
 #
 # Every claim of a paper that the book could measure is a row here: the paper's numbers, ours with
-# their spread over seeds, and a verdict by a fixed rule. Take the paired difference over the seeds
-# and the 95 % interval of its mean. The claim *holds* if the interval lies on the paper's side of
-# zero, it *holds in part* if only the mean does, and otherwise it *does not hold here*. A row is
-# marked stale when the code that measured it has changed since.
+# their spread over seeds, and a verdict by a fixed rule. Take the difference of the two sides in
+# each seed, in the direction that the paper claims, and the 95 % interval of its mean (Student's).
+# The claim **holds** if all of the interval lies on the paper's side of zero. It is **contradicted
+# here**, on our small worlds, if all of it lies on the other side. And it is **undecided** if the
+# interval contains zero; such a row says how large a difference would have been seen. A claim that
+# two things are *equal* comes with a margin, stated beforehand, and holds if the interval lies within
+# it. Rows that say "our own question" ask what the paper does not. And a row is marked *stale*, with
+# the reason, when something that it was measured with has changed since.
 
 # %%
 from book.tools.claims import ledger_table
