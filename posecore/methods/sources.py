@@ -8,13 +8,31 @@ from typing import Any
 import data_tools
 from data_tools.views import Dataset
 
-__all__ = ["open_source"]
+__all__ = ["SOURCE", "open_source"]
+
+SOURCE = "tabletop, bop:PATH or linemod:PATH"
+"""What `--data` may be, for its help."""
 
 
 def open_source(
-    source: str, split: str | None, scale_name: str, show: bool = True, **options: Any
+    source: str,
+    split: str | None,
+    scale_name: str | None,
+    show: bool = True,
+    **options: Any,
 ) -> Dataset:
-    """Open a dataset as `data_tools.open` does; of worlds at a scale, with a bar if `show`."""
+    """Open a dataset as `data_tools.open` does; of worlds at a scale, with a bar if `show`.
+
+    Args:
+        source: as for `data_tools.open`.
+        split: which part, or None for the only one.
+        scale_name: of worlds; None for the one in force.
+        show: a bar in a terminal while a world is made.
+        options: what the reader takes besides, such as `targets` of a BOP dataset.
+
+    Raises:
+        ValueError: if there is no such source, or its reader refuses it.
+    """
     if ":" not in source:  # a world, which has scales, and is made on first use
         options |= {"scale": scale_name, "progress": show and sys.stderr.isatty()}
     return data_tools.open(source, split=split, **options)

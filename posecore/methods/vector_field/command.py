@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
+from posecore.methods import estimating, training
 from posecore.methods.vector_field.estimating import estimate
 from posecore.methods.vector_field.losses import PROJECTIONS
 from posecore.methods.vector_field.systems import SYSTEMS
 from posecore.methods.vector_field.training import train
-from posecore.scale import SCALES
 
 __all__ = ["add_estimate", "add_train"]
 
@@ -19,18 +18,13 @@ on when it is given again. Several processes: torchrun --nproc-per-node N -m pos
 ESTIMATE = """Estimate the poses of a run's objects, and write them in the BOP format, which
 `python -m posecore evaluate` measures: a row for each object found in an image, with its score and
 the seconds that the image took."""
-SOURCE = "tabletop, bop:PATH or linemod:PATH"
 
 
-def add_train(methods: Any) -> None:
+def add_train(methods: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `vector_field` to the methods that can be trained."""
-    command = methods.add_parser("vector_field", help="PVNet and a refiner", description=TRAIN)
-    command.set_defaults(command=train)
-    command.add_argument("--data", metavar="SOURCE", required=True, help=SOURCE)
-    command.add_argument("--split", default="train", help="default: train")
-    command.add_argument("--out", metavar="RUN", required=True, help="folder, new or to go on in")
-    command.add_argument("--objects", metavar="ID", type=int, nargs="+", help="default: all")
-    command.add_argument("--scale", choices=SCALES, help="sizes; default: POSECORE_SCALE")
+    command = training.add_parser(
+        methods, "vector_field", train, summary="PVNet and a refiner", description=TRAIN
+    )
     command.add_argument("--steps", type=int, help="of the field; default: by the scale")
     command.add_argument(
         "--refiner-steps", type=int, help="default: by the scale; 0 for no refiner"
@@ -50,20 +44,13 @@ def add_train(methods: Any) -> None:
         help="leave vectors that point away out of that loss; default: by the scale",
     )
     command.add_argument("--imagenet", metavar="FILE", help="torchvision's resnet18, at width 64")
-    command.add_argument("--seed", type=int, default=0)
-    command.add_argument("--device", default="auto", help="default: a GPU where there is one")
 
 
-def add_estimate(methods: Any) -> None:
+def add_estimate(methods: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `vector_field` to the methods that estimate poses."""
-    command = methods.add_parser("vector_field", help="OPEPL, -R, -DR", description=ESTIMATE)
-    command.set_defaults(command=estimate)
-    command.add_argument("--run", required=True, help="folder that `train vector_field` wrote")
-    command.add_argument("--data", metavar="SOURCE", required=True, help=SOURCE)
-    command.add_argument("--split", help="which part, if there are several")
-    command.add_argument("--targets", metavar="FILE", help="with bop:PATH: test_targets_bop19.json")
-    command.add_argument("--output", metavar="FILE.csv", required=True)
+    command = estimating.add_parser(
+        methods, "vector_field", estimate, summary="OPEPL, -R, -DR", description=ESTIMATE
+    )
     command.add_argument("--system", choices=list(SYSTEMS), default="OPEPL-DR")
     command.add_argument("--threshold", type=float, default=0.8, help="of the overlap, for -DR")
     command.add_argument("--seed", type=int, default=0, help="of the vote")
-    command.add_argument("--device", default="auto", help="default: a GPU where there is one")

@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 from tqdm.auto import tqdm
 
+from data_tools.batches import Augmentation, Stack
 from posecore.arrays import require_integer
 from posecore.methods.vector_field.masked_fields import MaskedFields, look_at
 from posecore.methods.vector_field.network import VectorFieldNet
@@ -25,11 +25,11 @@ KEPT = ("image", "object_id", "R", "t", "K")
 
 def look_at_views(
     net: VectorFieldNet,
-    data: Any,
+    data: Stack,
     size: tuple[int, int] | None = None,
     *,
     most: int | None = None,
-    augment: Any = None,
+    augment: Augmentation | None = None,
     seed: int = 0,
     show: bool | None = None,
 ) -> list[tuple[MaskedFields, dict[str, Tensor]]]:
@@ -39,10 +39,10 @@ def look_at_views(
 
     Args:
         net: in evaluation mode, as `fit` leaves it.
-        data: `data_tools.batches.Stack`, or what has its `frames` and length.
+        data: with colour images.
         size: (width, height) of the images; None for the data's.
         most: look at no more images than so many, evenly over the data, whose parts may differ.
-        augment: `data_tools.batches.Augmentation`, each image is varied once; None for none.
+        augment: each image is varied once; None for none.
         seed: of the variations.
         show: a progress bar; by default in a terminal.
 

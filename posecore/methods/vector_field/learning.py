@@ -5,12 +5,12 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from data_tools.batches import Augmentation, Stack
 from posecore.arrays import fail, require_integer, require_number
 from posecore.methods.vector_field.fields import field_targets
 from posecore.methods.vector_field.losses import VectorFieldLoss
@@ -77,14 +77,13 @@ class Windows(_Drawn):
     from seed and step.
 
     Args:
-        data: `data_tools.batches.Stack`, or what has its `rows`, `view`, `box`, `size` and
-            `frames`.
+        data: with colour images and masks.
         models: the objects of the network; others count as background.
         steps: batches in all.
         count: windows in a batch.
         size: (width, height) of a window in pixels, or one number for both.
         seed: of what is drawn.
-        augment: `data_tools.batches.Augmentation`; None for none.
+        augment: how windows are varied; None for not.
         visible: the least visible fraction of the object that a window is put around.
         shift: how far its middle may be from that of the window, as part of the window's sides.
         zoom: pixels of a window for one of the image. Below 1 windows show more and cost less.
@@ -103,14 +102,14 @@ class Windows(_Drawn):
 
     def __init__(
         self,
-        data: Any,
+        data: Stack,
         models: Sequence[ObjectModel],
         *,
         steps: int,
         count: int = 16,
         size: int | tuple[int, int] = 128,
         seed: int = 0,
-        augment: Any = None,
+        augment: Augmentation | None = None,
         visible: float = 0.1,
         shift: float = 0.3,
         zoom: float = 1.0,

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 import trimesh
 
+from data_tools.views import ModelSet
 from posecore.arrays import fail, require_integer, require_number, to_numbers
 from posecore.methods.vector_field.keypoints import model_keypoints
 from posecore.metrics.pose_errors import require_symmetries
@@ -61,13 +61,12 @@ class ObjectModel:
 
 
 def object_models(
-    known: Any, object_ids: Sequence[int], *, points: int = 2000, keypoints: int = 8
+    known: ModelSet, object_ids: Sequence[int], *, points: int = 2000, keypoints: int = 8
 ) -> list[ObjectModel]:
     """Models of a dataset's objects.
 
     Args:
-        known: what a dataset of `data_tools` gives for `models()`: `mesh(id)` with vertices and
-            faces, and `info(id)` with diameter and symmetries.
+        known: what a dataset gives for `models()`.
         object_ids: which.
         points: drawn evenly from each surface, the same ones every time.
         keypoints: on the surface; the centre comes to them.

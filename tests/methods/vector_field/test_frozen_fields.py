@@ -5,7 +5,6 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.papers.vector_field.true_fields import KEYPOINTS, MODELS, K, seen, some_poses
 
 from posecore.methods.vector_field import frozen_fields
 from posecore.methods.vector_field.frozen_fields import look_at_views, own_poses, weights_digest
@@ -15,6 +14,7 @@ from posecore.methods.vector_field.refinement import FieldRefiner
 from posecore.methods.vector_field.refiner_training import RefinerTraining
 from posecore.methods.vector_field.systems import VectorFieldSystem
 from posecore.training import seeded
+from tests.methods.vector_field.true_fields import KEYPOINTS, MODELS, K, seen, some_poses
 
 
 class Photos:

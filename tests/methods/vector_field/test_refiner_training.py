@@ -8,12 +8,12 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from tests.papers.vector_field.true_fields import EVEN, HALF_TURN, MODELS, POINTS, seen, some_poses
 
 from posecore import metrics
 from posecore.methods.vector_field.refinement import FieldRefiner
 from posecore.methods.vector_field.refiner_training import RefinerTraining, perturb, pose_loss
 from posecore.training import fit, seeded
+from tests.methods.vector_field.true_fields import EVEN, HALF_TURN, MODELS, POINTS, seen, some_poses
 
 
 @settings(max_examples=20, deadline=None)

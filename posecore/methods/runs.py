@@ -1,0 +1,156 @@
+"""The folder of a run of `train METHOD`, from which its networks can be made again.
+
+RUN/run.json           the method, its options and sizes, and what has to be known of the objects
+RUN/NAME.safetensors   a network, when it is trained
+RUN/checkpoints/NAME   where its training goes on if it was stopped
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+import safetensors
+import safetensors.torch
+from torch import nn
+
+from data_tools.bop.files import read_json
+from posecore.arrays import fail
+from posecore.files import write_bytes
+
+__all__ = ["Run", "read_run", "resumed"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run as its folder has it; a method's own adds sizes, objects and networks.
+
+    Attributes:
+        method: its name, of the class.
+        path: of the folder.
+        options: of the command that began it, by name.
+    """
+
+    method: ClassVar[str]
+
+    path: Path
+    options: Mapping[str, Any]
+
+    @property
+    def object_ids(self) -> list[int]:
+        """The objects that it knows."""
+        raise NotImplementedError
+
+    def write(self) -> None:
+        """Write all but the weights.
+
+        Raises:
+            OSError: if it cannot be written.
+        """
+        content = {"method": self.method} | {
+            field.name: getattr(self, field.name)
+            for field in dataclasses.fields(self)
+            if field.name != "path"
+        }
+        self.path.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(content, allow_nan=False, default=_plain)
+        write_bytes(self.path / "run.json", text.encode())
+
+    def write_weights(self, name: str, model: nn.Module) -> None:
+        """Write `NAME.safetensors`.
+
+        Raises:
+            OSError: if it cannot be written.
+        """
+        weights = {key: value.cpu().contiguous() for key, value in model.state_dict().items()}
+        write_bytes(self.path / f"{name}.safetensors", safetensors.torch.save(weights))
+
+    def load_weights(self, name: str, model: nn.Module) -> None:
+        """Give a model the weights of `NAME.safetensors`, and leave it in evaluation mode.
+
+        Raises:
+            ValueError: if there is no such file, it is damaged, or of another model.
+        """
+        path = self.path / f"{name}.safetensors"
+        if not path.is_file():
+            fail("--run", f"a run that has trained its {name}", f"no {path}")
+        try:
+            weights = safetensors.torch.load(path.read_bytes())
+            model.load_state_dict(weights)
+        except (safetensors.SafetensorError, RuntimeError) as error:
+            words = " ".join(str(error).split())
+            raise ValueError(f"{path}: expected the weights of this run: {words}") from error
+        wrong = [key for key, value in weights.items() if not value.isfinite().all()]
+        if wrong:
+            raise ValueError(f"{path}: expected finite weights, got others in {wrong[0]}")
+        model.eval()
+
+    def require_options(self, wanted: Mapping[str, Any]) -> None:
+        """Refuse to go on with other options than those of the beginning.
+
+        Raises:
+            ValueError: naming the first one that differs.
+        """
+        for name, value in wanted.items():
+            begun = self.options.get(name)
+            if begun != value:
+                option = "--" + name.replace("_", "-")
+                fail(option, f"{begun} as {self.path} was begun with, or another --out", value)
+
+
+SomeRun = TypeVar("SomeRun", bound=Run)
+
+
+def read_run(
+    path: str | Path, kind: type[SomeRun], make: Callable[[Path, dict[str, Any]], SomeRun]
+) -> SomeRun:
+    """Read what `Run.write` wrote.
+
+    Args:
+        path: of the folder.
+        kind: of run, which knows its method.
+        make: `make(path, content)` makes one of what `run.json` holds.
+
+    Raises:
+        ValueError: naming the file, if there is none, it is damaged, or of another method.
+    """
+    file = Path(path) / "run.json"
+    if not file.is_file():
+        fail("--run", f"a folder that `train {kind.method}` wrote", f"no {file}")
+    content = read_json(file)
+    try:
+        if content["method"] != kind.method:
+            fail("method", kind.method, content["method"])
+        return make(Path(path), content)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        words = " ".join(str(error).split())
+        raise ValueError(f"{file}: damaged: {type(error).__name__}: {words}") from error
+
+
+def resumed(
+    path: Path, options: Mapping[str, Any], read: Callable[[Path], SomeRun]
+) -> SomeRun | None:
+    """The run that was begun in a folder with these options, to go on with; None for a new one.
+
+    Raises:
+        ValueError: if it was begun with others, or is damaged.
+    """
+    if not (path / "run.json").exists():
+        return None
+    run = read(path)
+    run.require_options(options)
+    return run
+
+
+def _plain(value: object) -> Any:
+    """What JSON has no word for."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if dataclasses.is_dataclass(value):
+        return vars(value)
+    raise TypeError(f"expected numbers, texts, arrays and dataclasses, got {type(value).__name__}")

@@ -1,0 +1,183 @@
+"""`train METHOD` for every method: the options that all have, the data, and a network trained."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from data_tools.batches import Stack, load
+from data_tools.views import Dataset, ModelSet
+from posecore.arrays import fail, require_integer
+from posecore.methods.notes import note
+from posecore.methods.runs import Run
+from posecore.methods.sources import SOURCE, open_source
+from posecore.scale import SCALES, scale
+from posecore.training import fit
+from posecore.training.machine import choose_device
+
+__all__ = ["Data", "Job", "add_parser", "integer_option", "open_data"]
+
+
+def add_parser(
+    methods: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    command: Callable[[argparse.Namespace], None],
+    *,
+    summary: str,
+    description: str,
+) -> argparse.ArgumentParser:
+    """Add a method to those that can be trained, with the options that all of them have.
+
+    Args:
+        methods: the parser's methods.
+        name: of the method.
+        command: what runs it. If it is interrupted, the user is told how to go on.
+        summary: a few words.
+        description: a few sentences.
+
+    Returns:
+        Its parser, for options of its own.
+    """
+    parser = methods.add_parser(name, help=summary, description=description)
+    parser.set_defaults(command=partial(_interruptible, command))
+    parser.add_argument("--data", metavar="SOURCE", required=True, help=SOURCE)
+    parser.add_argument("--split", default="train", help="default: train")
+    parser.add_argument("--out", metavar="RUN", required=True, help="folder, new or to go on in")
+    parser.add_argument("--objects", metavar="ID", type=int, nargs="+", help="default: all")
+    parser.add_argument("--scale", choices=SCALES, help="sizes; default: POSECORE_SCALE")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--device", default="auto", help="default: a GPU where there is one")
+    return parser
+
+
+def _interruptible(
+    command: Callable[[argparse.Namespace], None], options: argparse.Namespace
+) -> None:
+    try:
+        command(options)
+    except KeyboardInterrupt:
+        print("\nstopped; the same command goes on from here", file=sys.stderr)
+        sys.exit(130)
+
+
+def integer_option(name: str, value: int | None, default: int | None, low: int) -> int | None:
+    """An option that is an integer of at least `low`, or `default` if it was not given.
+
+    Raises:
+        ValueError: if it is smaller.
+    """
+    return default if value is None else require_integer(name, value, low)
+
+
+class Job(NamedTuple):
+    """Where a training runs, and what it is called by.
+
+    Attributes:
+        path: of the run.
+        scale: the name of the sizes.
+        device: of this process.
+        processes: that train together, one unless torchrun started several.
+        first: of them: the one that writes and shows.
+    """
+
+    path: Path
+    scale: str
+    device: torch.device
+    processes: int
+    first: bool
+
+    @classmethod
+    def asked(cls, options: argparse.Namespace) -> Job:
+        """The job that the options of `add_parser` ask for.
+
+        Raises:
+            ValueError: naming an option that cannot be.
+        """
+        require_integer("--seed", options.seed, 0)
+        path, device = Path(options.out), choose_device(options.device)
+        if path.exists() and not path.is_dir():
+            fail("--out", "a folder", f"the file {options.out!r}")
+        processes = int(os.environ.get("WORLD_SIZE", "1"))
+        first = os.environ.get("RANK", "0") == "0"
+        return cls(path, options.scale or scale(), device, processes, first)
+
+    def fit(
+        self,
+        run: Run,
+        name: str,
+        model: nn.Module,
+        batches: Iterable[Any] | Callable[[torch.Generator], Any],
+        loss: Callable[..., Tensor | Mapping[str, Tensor]],
+        **options: Any,
+    ) -> None:
+        """Train a network of a run, and keep it there as `NAME.safetensors`.
+
+        Args:
+            run: to which it belongs; its option `seed` is that of the training.
+            name: of the network.
+            model, batches, loss, options: as for `posecore.training.fit`.
+        """
+        history = fit(
+            model,
+            batches,
+            loss,
+            seed=run.options["seed"],
+            device=str(self.device),
+            resume=run.path / "checkpoints" / name,
+            **options,
+        )
+        if self.first:
+            run.write_weights(name, model)
+            print(f"{name}: {history!r}")
+
+
+class Data(NamedTuple):
+    """What a training learns from."""
+
+    stack: Stack
+    models: ModelSet
+    objects: list[int]
+    """Those that were asked for, ascending."""
+
+
+def open_data(options: argparse.Namespace, job: Job, kinds: Mapping[str, str]) -> Data:
+    """Open and read the data that the options of `add_parser` ask for.
+
+    Args:
+        options: of the command.
+        job: of these options.
+        kinds: of images that the method needs, as a `Stack` names them, and in words.
+
+    Raises:
+        ValueError: if there are no such data or objects, or the data lack a kind of images.
+    """
+    dataset = open_source(options.data, options.split, job.scale, show=job.first)
+    models, objects = dataset.models(), _objects(options, dataset)
+    if options.data.startswith("linemod:"):
+        dataset = open_source(options.data, options.split, job.scale, object_id=objects)
+        if len(objects) > 1 and job.first:
+            note("linemod names one object of each image, and others count as background")
+    stack = load(dataset, progress=job.first and sys.stderr.isatty())
+    for kind, words in kinds.items():
+        if kind not in stack.kinds:
+            fail("--data", f"data with {words}", f"{options.data} with {', '.join(stack.kinds)}")
+    return Data(stack, models, objects)
+
+
+def _objects(options: argparse.Namespace, dataset: Dataset) -> list[int]:
+    there = list(dataset.object_ids)
+    if not there:
+        fail("--data", "data with known poses", options.data)
+    missing = sorted(set(options.objects or there) - set(there))
+    if missing:
+        shown = ", ".join(map(str, there[:20])) + (", ..." if len(there) > 20 else "")
+        fail("--objects", f"some of {shown}, which {options.data} has", missing)
+    return sorted(set(options.objects or there))

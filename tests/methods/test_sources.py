@@ -1,0 +1,34 @@
+"""Which options a dataset is opened with."""
+
+import pytest
+
+import data_tools
+from posecore.methods.sources import open_source
+
+
+@pytest.fixture
+def opened(monkeypatch):
+    calls = []
+    monkeypatch.setattr(data_tools, "open", lambda *a, **k: calls.append((*a, k)), raising=False)
+    return calls
+
+
+def test_worlds_have_scales_and_bars_and_folders_have_not(opened):
+    open_source("tabletop", "easy", "tiny", show=False)
+    open_source("bop:here", None, "tiny", targets="t.json")
+    assert opened == [
+        ("tabletop", {"split": "easy", "scale": "tiny", "progress": False}),
+        ("bop:here", {"split": None, "targets": "t.json"}),
+    ]
+
+
+@pytest.mark.parametrize(("show", "terminal"), [(True, True), (True, False), (False, True)])
+def test_a_bar_is_for_terminals(opened, monkeypatch, show, terminal):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: terminal)
+    open_source("tabletop", "easy", "tiny", show)
+    assert opened[0][-1]["progress"] is (show and terminal)
+
+
+def test_what_is_no_source_is_refused():
+    with pytest.raises(ValueError, match="^source: "):
+        open_source("nonsense", None, "tiny")

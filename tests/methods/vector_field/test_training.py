@@ -1,0 +1,255 @@
+"""`train vector_field`: what it learns from, that it can be stopped, and what it refuses."""
+
+import dataclasses
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from functools import partial, wraps
+from pathlib import Path
+
+import pytest
+import safetensors.torch
+
+import data_tools
+from data_tools.bop import read_results
+from posecore.__main__ import main
+from posecore.methods import training as every_training
+from posecore.methods.vector_field import frozen_fields, training
+from posecore.methods.vector_field.learning import Objective, Pool, Windows
+from posecore.methods.vector_field.masked_fields import look_at
+from posecore.methods.vector_field.plans import PLANS
+from posecore.methods.vector_field.runs import read_run
+from posecore.nets.resnet import ResNet
+from posecore.training import fit
+from posecore.training.loop import ADAM
+from posecore.training.muon import Muon
+from tests.methods.vector_field.commands import (
+    WEIGHTS,
+    contents,
+    estimate_words,
+    refused,
+    train_words,
+)
+
+ROOT = Path(__file__).parents[3]
+ENVIRONMENT = {name: value for name, value in os.environ.items() if "proxy" not in name.lower()}
+ENVIRONMENT["PYTHONPATH"] = os.pathsep.join([str(ROOT), *sys.path])
+
+
+def taught(monkeypatch, words):
+    """What a command's training learns from: its pools, its batches and its loss."""
+    pools, given = [], {}
+
+    class KeptPool(Pool):
+        def __init__(self, windows, **options):
+            super().__init__(windows, **options)
+            pools.append(self)
+
+    def kept_fit(model, batches, objective, **options):
+        given.update(options, batches=batches, loss=objective.loss)
+        return fit(model, batches, objective, **options)
+
+    monkeypatch.setattr(training, "Pool", KeptPool)
+    monkeypatch.setattr(every_training, "fit", kept_fit)
+    assert main([*words, "--refiner-steps", "0"]) == 0
+    return pools, given
+
+
+@pytest.mark.parametrize("steps", [2, 20])
+def test_windows_are_cut_once(source, tmp_path, monkeypatch, steps):
+    dataset = data_tools.open(source, split="train")
+    objects = [item for view in dataset for item in view.objects if item.object_id in (1, 3)]
+    shown = sum(item.visible_fraction >= 0.15 for item in objects)
+    assert 8 < shown < 64
+    words = train_words(source, tmp_path, "--steps", str(steps))
+    pools, given = taught(monkeypatch, words)
+    (pool,) = pools
+    assert pool.size == min(4 * steps, shown)
+    assert (pool.steps, pool.count, pool.step) == (steps, 4, steps)
+    assert given["optimiser"] is Muon
+    assert (given["loss"].begin, given["loss"].forward_only) == (0.15, True)
+
+
+def test_a_pool_has_bounds(source, tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "AT_ONCE", 4)
+    monkeypatch.setattr(training, "IN_POOL", 9)
+    (pool,), _ = taught(monkeypatch, train_words(source, tmp_path))
+    assert pool.size == 12  # whole batches
+
+
+def test_a_plan_without_a_pool(source, tmp_path, monkeypatch):
+    plain = dataclasses.replace(
+        PLANS["tiny"], looks=None, begin=0.0, forward_only=False, optimiser=ADAM, visible=0.1
+    )
+    monkeypatch.setitem(training.PLANS, "tiny", plain)
+    pools, given = taught(monkeypatch, train_words(source, tmp_path))
+    assert pools == [] and isinstance(given["batches"], Windows)
+    assert (given["batches"].steps, given["batches"].count) == (12, 4)
+    assert given["optimiser"] is ADAM
+    assert (given["loss"].begin, given["loss"].forward_only) == (0, False)
+    assert read_run(tmp_path).options["forward_only"] is False
+
+
+def test_the_loss_that_was_asked_for(source, tmp_path, monkeypatch):
+    words = train_words(source, tmp_path, "--begin", "0.5", "--no-forward-only", "--weight", "0.1")
+    loss = taught(monkeypatch, words)[1]["loss"]
+    assert (loss.begin, loss.forward_only, loss.weight) == (0.5, False, 0.1)
+    assert [loss.beta(done) for done in (0, 0.49, 0.5, 1)] == [0, 0, 0.1, 0.1]
+    found = read_run(tmp_path).options
+    assert (found["begin"], found["forward_only"]) == (0.5, False)
+
+
+# Stopped, and several processes ------------------------------------------------------------------
+
+KILLED = """
+import functools, os, signal, sys
+from posecore.__main__ import main
+from posecore.methods import training as every_training
+from posecore.methods.vector_field import training
+every_training.fit = functools.partial(every_training.fit, save_seconds=0)
+step, calls = training.Objective.__call__, []
+def dying(*arguments):
+    calls.append(1)
+    if len(calls) == 8:
+        os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
+    return step(*arguments)
+training.Objective.__call__ = dying
+main(sys.argv[1:])
+"""
+
+
+def test_a_run_that_was_killed_goes_on_bit_for_bit(run, source, tmp_path, monkeypatch, capsys):
+    words, out = train_words(source, tmp_path / "again"), tmp_path / "again"
+    done = subprocess.run([sys.executable, "-c", KILLED, *words], env=ENVIRONMENT)
+    assert done.returncode == -getattr(signal, "SIGKILL", signal.SIGTERM)
+    assert (out / "checkpoints/net/state-00000007.pt").exists()
+    assert not (out / "net.safetensors").exists()
+
+    # Once more, now by the keyboard, while the refiner is trained.
+    monkeypatch.setattr(every_training, "fit", partial(fit, save_seconds=0))
+    loss, calls = training.RefinerTraining.loss, []
+
+    @wraps(loss)
+    def interrupted(*arguments):
+        calls.append(1)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return loss(*arguments)
+
+    monkeypatch.setattr(training.RefinerTraining, "loss", interrupted)
+    with pytest.raises(SystemExit, match="130"):
+        main(words)
+    assert "goes on" in capsys.readouterr().err
+    assert (out / "checkpoints/refiner/state-00000003.pt").exists()
+    assert not (out / "refiner.safetensors").exists()
+
+    assert main(words) == 0
+    assert len(calls) == 4 + 3
+    assert contents(out) == contents(run)
+
+
+def test_a_finished_run_stays_as_it_is(run, source, monkeypatch):
+    monkeypatch.setattr(Objective, "__call__", None)
+    monkeypatch.setattr(Windows, "_draw", None)  # nor are windows cut again
+    before = contents(run)
+    assert main(train_words(source, run)) == 0
+    assert contents(run) == before
+
+
+def test_two_processes(run, source, tmp_path, capsys):
+    out = tmp_path / "two"
+    launch = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
+    words = [*launch, "-m", "posecore", *train_words(source, out)]
+    done = subprocess.run(
+        [sys.executable, *words], env=ENVIRONMENT | {"OMP_NUM_THREADS": "1"},
+        capture_output=True, text=True, timeout=240,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert [line.split(":")[0] for line in done.stdout.splitlines()] == ["net", "refiner"]
+    assert (out / "run.json").read_bytes() == (run / "run.json").read_bytes()
+    for name in WEIGHTS:
+        two, one = (safetensors.torch.load_file(path / name) for path in (out, run))
+        assert two.keys() == one.keys()
+        assert all(value.isfinite().all() for value in two.values())
+    assert contents(out, WEIGHTS) != contents(run, WEIGHTS)  # batches are normalised in halves
+    output = tmp_path / "out.csv"
+    assert main(estimate_words(out, source, output, "--split", "test")) == 0
+    assert len(read_results(output)) > 0
+    assert main(["evaluate", str(output), source, "--split", "test"]) == 0
+
+
+# What cannot be ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--data", "bop:nowhere"], "nowhere"),
+        (["--data", "nonsense"], "source: expected"),
+        (["--data", "linemod:nowhere"], "nowhere"),
+        (["--data", "categories"], "1019, ..., which categories has, got [1, 3]"),
+        (["--split", "holidays"], "split: expected"),
+        (["--objects", "1", "99"], "--objects: expected some of 1, 2, 3, 4, 5, 6, 7, 8, which"),
+        (["--steps", "0"], "--steps"),
+        (["--refiner-steps", "-1"], "--refiner-steps"),
+        (["--batch", "0"], "--batch"),
+        (["--seed", "-1"], "--seed"),
+        (["--weight", "heavy"], "--weight: expected dynamic"),
+        (["--weight", "-1"], "--weight"),
+        (["--weight", "nan"], "--weight"),
+        (["--begin", "1.5"], "--begin: expected"),
+        (["--begin", "-0.1"], "--begin: expected"),
+        (["--begin", "nan"], "--begin: expected"),
+        (["--device", "moon"], "device"),
+        (["--imagenet", "nowhere.pth"], "nowhere.pth"),
+        (
+            ["--imagenet", "WIDE.safetensors"],
+            "--imagenet: path: expected conv1.weight of shape (8",
+        ),
+        (["--out", "FILE"], "--out: expected a folder"),
+    ],
+)
+def test_bad_options_of_training(source, tmp_path, capsys, monkeypatch, options, message):
+    monkeypatch.chdir(tmp_path)
+    safetensors.torch.save_file(ResNet(16).state_dict(), "WIDE.safetensors")
+    Path("FILE").write_text("")
+    refused(capsys, train_words(source, "run", *options), message)
+    assert not Path("run").exists()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--steps", "13"], ["--refiner-steps", "0"], ["--seed", "1"], ["--objects", "1"],
+        ["--batch", "2"], ["--weight", "0.05"], ["--projection", "unit"], ["--begin", "0.2"],
+        ["--no-forward-only"],
+    ],
+)  # fmt: skip
+def test_another_runs_options_are_named(run, source, capsys, options):
+    before = contents(run)
+    name = options[0].replace("--no-", "--")
+    refused(capsys, train_words(source, run, *options), f"{name}: expected")
+    assert contents(run) == before
+
+
+def test_data_without_colours_or_masks(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for missing, message in (("mask_visib", "--data: expected data with masks"), ("rgb", "colour")):
+        shutil.copytree(folder / "bop", missing)
+        for path in Path(missing).glob(f"*/*/{missing}"):
+            shutil.rmtree(path)
+        refused(capsys, train_words(f"bop:{missing}", "out"), message)
+    assert not Path("out").exists()
+
+
+def test_a_field_that_sees_nothing(source, tmp_path, capsys, monkeypatch):
+    def blind(net, images):
+        return look_at(net, images, min_pixels=10**6)
+
+    monkeypatch.setattr(frozen_fields, "look_at", blind)
+    words = train_words(source, tmp_path / "run", "--steps", "1")
+    assert main(words) == 2
+    assert "--steps: expected enough" in capsys.readouterr().err
+    assert (tmp_path / "run" / "net.safetensors").exists()
