@@ -127,22 +127,12 @@ BAD_CALLS = [
     (lambda: clouds.nearest_neighbours(POINTS, POINTS, 0), "k"),
     (lambda: clouds.nearest_neighbours(POINTS, POINTS, 6), "k"),
     (lambda: clouds.nearest_neighbours(POINTS, POINTS, 1.5), "k"),
-    (lambda: clouds.nearest_neighbours(POINTS[:0], POINTS), "points"),
-    (lambda: clouds.nearest_neighbours(POINTS[:, :2], POINTS), "points"),
-    (lambda: clouds.nearest_neighbours(POINTS, POINTS[0]), "queries"),
-    (lambda: clouds.nearest_neighbours(POINTS, POINTS + np.nan), "queries"),
-    (
-        lambda: clouds.nearest_neighbours(np.ones((2, 5, 3)), np.ones((3, 5, 3))),
-        "points and queries",
-    ),
     (lambda: clouds.ball_query(POINTS, POINTS, 0, 4), "radius"),
     (lambda: clouds.ball_query(POINTS, POINTS, -0.1, 4), "radius"),
     (lambda: clouds.ball_query(POINTS, POINTS, np.inf, 4), "radius"),
     (lambda: clouds.ball_query(POINTS, POINTS, "wide", 4), "radius"),
     (lambda: clouds.ball_query(POINTS, POINTS, 0.1, 0), "count"),
     (lambda: clouds.ball_query(POINTS, POINTS, 0.1, 2.0), "count"),
-    (lambda: clouds.ball_query(POINTS + np.inf, POINTS, 0.1, 2), "points"),
-    (lambda: clouds.ball_query(POINTS, POINTS[:0], 0.1, 2), "queries"),
 ]
 
 

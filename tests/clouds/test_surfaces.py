@@ -168,19 +168,10 @@ def test_normals_of_batches_with_their_own_viewers(rng):
 
 POINTS = np.arange(15.0).reshape(5, 3) ** 2
 BAD_CALLS = [
-    (lambda: clouds.chamfer_distance(POINTS[:0], POINTS), "a"),
-    (lambda: clouds.chamfer_distance(POINTS, POINTS[:0]), "b"),
-    (lambda: clouds.chamfer_distance(POINTS, POINTS[:, :2]), "b"),
-    (lambda: clouds.chamfer_distance(POINTS + np.nan, POINTS), "a"),
-    (lambda: clouds.chamfer_distance(np.ones((2, 5, 3)), np.ones((3, 5, 3))), "a and b"),
     (lambda: clouds.estimate_normals(POINTS, 6), "k"),
     (lambda: clouds.estimate_normals(POINTS, 2), "k"),
     (lambda: clouds.estimate_normals(POINTS), "k"),
     (lambda: clouds.estimate_normals(POINTS, 3.0), "k"),
-    (lambda: clouds.estimate_normals(POINTS[0], 3), "points"),
-    (lambda: clouds.estimate_normals(POINTS + np.inf, 3), "points"),
-    (lambda: clouds.estimate_normals(POINTS, 3, np.zeros(2)), "orient_to"),
-    (lambda: clouds.estimate_normals(POINTS, 3, [0, 0, np.nan]), "orient_to"),
 ]
 
 

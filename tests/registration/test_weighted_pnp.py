@@ -189,7 +189,7 @@ def test_float32_may_leave_covariances_a_little_asymmetric():
     np.testing.assert_allclose(one.R, other.R, atol=1e-5)
 
 
-R0, T0, POINTS, PIXELS, RNG = case(0)
+_, _, POINTS, PIXELS, RNG = case(0)
 SIGMA = ellipses(RNG, 9)
 
 
@@ -204,16 +204,9 @@ def first(matrix):
         (dict(points_3d=POINTS[:3], points_2d=PIXELS[:3], covariances=SIGMA[:3]), "points_3d:"),
         (dict(points_3d=np.full((9, 3), 0.3)), "points_3d:"),
         (dict(points_3d=np.linspace(0, 1, 9)[:, None] * [1, 2, 3]), "points_3d:"),
-        (dict(points_3d=np.where(POINTS > 0.05, np.nan, POINTS)), "points_3d:"),
-        (dict(points_3d=POINTS[:, :2]), "points_3d:"),
-        (dict(points_2d=PIXELS[:8]), "points_2d:"),
-        (dict(points_2d=PIXELS + np.inf), "points_2d:"),
         (dict(points_2d=np.full((9, 2), 33.3)), "points_2d:"),
-        (dict(covariances=SIGMA[:8]), "covariances:"),
-        (dict(covariances=SIGMA[:, 0]), "covariances:"),
         (dict(covariances=0 * SIGMA), "covariances: expected positive definite"),
         (dict(covariances=-SIGMA), "covariances: expected positive definite"),
-        (dict(covariances=np.nan * SIGMA), "covariances: expected finite"),
         (dict(covariances=first([[0, 0], [0, 0]])), "covariances: expected positive definite"),
         (dict(covariances=first([[1, 0], [0, 0]])), "covariances: expected positive definite"),
         (dict(covariances=first([[1, 1], [1, 1]])), "covariances: expected positive definite"),

@@ -303,62 +303,24 @@ def test_quaternion_gradient_is_finite_at_half_turns() -> None:
     assert torch.isfinite(grad).all()
 
 
-# Shapes and bad input -------------------------------------------------------------------------
-
-WAYS = [
-    (quaternion_to_matrix, (4,), (3, 3)),
-    (quaternion_to_axis_angle, (4,), (3,)),
-    (axis_angle_to_matrix, (3,), (3, 3)),
-    (axis_angle_to_quaternion, (3,), (4,)),
-    (rotation_6d_to_matrix, (6,), (3, 3)),
-    (matrix_to_quaternion, (3, 3), (4,)),
-    (matrix_to_axis_angle, (3, 3), (3,)),
-    (matrix_to_rotation_6d, (3, 3), (6,)),
-]
-
-
-@pytest.mark.parametrize("batch", [(), (1,), (2, 3), (0,)])
-@pytest.mark.parametrize(
-    ("function", "shape", "result"), WAYS, ids=lambda f: getattr(f, "__name__", "")
-)
-def test_any_batch(function: Callable, shape: tuple, result: tuple, batch: tuple) -> None:
-    size = int(np.prod(batch))
-    if shape == (3, 3):
-        x = RANDOM[:size].reshape(*batch, 3, 3)
-    else:
-        x = np.random.default_rng(5).normal(size=(*batch, *shape))
-    out = function(x)
-    assert isinstance(out, np.ndarray)
-    assert out.shape == (*batch, *result)
-    one_by_one = np.array([function(item) for item in x.reshape(-1, *shape)]).reshape(out.shape)
-    assert np.abs(out - one_by_one).max(initial=0) < ROUNDING
-    assert torch.equal(function(torch.from_numpy(x)), torch.from_numpy(out))
-
+# Bad input ------------------------------------------------------------------------------------
 
 NO_ROTATION = np.diag([1, 1, 1.01])
 BAD = [
     (lambda: quaternion_to_matrix([0, 0, 0, 0]), "q: .*not zero"),
     (lambda: quaternion_to_matrix([[1, 0, 0, 0], [0, 0, 0, 0]]), r"q: .*index \(1,\)"),
-    (lambda: quaternion_to_matrix([1, 0, 0]), "q: .*shape"),
-    (lambda: quaternion_to_matrix([1, 0, 0, np.nan]), "q: .*finite"),
     (lambda: quaternion_to_axis_angle(np.zeros(4)), "q: .*not zero"),
     (lambda: quaternion_to_axis_angle(torch.zeros(2, 4)), r"q: .*index \(0,\)"),
-    (lambda: quaternion_multiply([1, 0, 0, 0], [1, 0, 0]), "q: .*shape"),
-    (lambda: quaternion_multiply(np.ones((2, 4)), np.ones((3, 4))), "p and q: .*broadcast"),
-    (lambda: axis_angle_to_matrix([1, 2]), "axis_angle: .*shape"),
     (lambda: axis_angle_to_matrix([1e200, 0, 0]), "axis_angle: .*finite"),
     (lambda: axis_angle_to_quaternion(torch.tensor([1e30, 0, 0])), "axis_angle: .*finite"),
-    (lambda: axis_angle_to_quaternion(["a", "b", "c"]), "axis_angle: .*numbers"),
     (lambda: matrix_to_quaternion(NO_ROTATION), "R: .*rotation"),
     (lambda: matrix_to_quaternion(-np.eye(3)), "R: .*determinant -1"),
     (lambda: matrix_to_axis_angle(NO_ROTATION), "R: .*special_procrustes"),
     (lambda: matrix_to_rotation_6d(np.stack([np.eye(3), NO_ROTATION])), r"R: .*index \(1,\)"),
-    (lambda: matrix_to_rotation_6d(np.eye(4)), "R: .*shape"),
     (lambda: rotation_6d_to_matrix(np.zeros(6)), "columns: .*not zero"),
     (lambda: rotation_6d_to_matrix([1, 2, 3, 0, 0, 0]), "columns: .*not zero"),
     (lambda: rotation_6d_to_matrix([1, 2, 3, 2, 4, 6]), "columns: .*not parallel"),
     (lambda: rotation_6d_to_matrix([[1, 0, 0, 0, 1, 0], [1, 2, 0, -1, -2, 0]]), r"columns: .*\(1,"),
-    (lambda: rotation_6d_to_matrix(np.ones(5)), "columns: .*shape"),
 ]  # fmt: skip
 
 

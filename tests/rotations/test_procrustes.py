@@ -318,22 +318,3 @@ def test_autocast_changes_nothing(dtype: torch.dtype, road: str) -> None:
         (weights * R_cast).sum().backward()
     assert torch.equal(R_cast, R)
     assert torch.equal(cast.grad, M.grad)
-
-
-BAD = [
-    (np.ones((3, 2)), "shape"),
-    (np.ones(9), "shape"),
-    (np.ones((2, 4, 4)), "shape"),
-    (np.full((3, 3), np.nan), "finite"),
-    (np.diag([1, np.inf, 1]), "finite"),
-    ([[1, 2, 3], [4, 5], [6]], "lengths"),
-    ("a matrix", "dtype"),
-    (np.eye(3) * 1j, "dtype"),
-    (torch.eye(3) * 1j, "real"),
-]
-
-
-@pytest.mark.parametrize(("M", "complaint"), BAD)
-def test_bad_input(M: object, complaint: str) -> None:
-    with pytest.raises(ValueError, match=f"^M: .*{complaint}"):
-        special_procrustes(M)

@@ -259,22 +259,13 @@ def test_a_generator_moves_on() -> None:
 
 EYES = np.tile(np.eye(3), (2, 1, 1))
 BAD = [
-    (lambda: hat([1, 2]), "v: .*shape"),
-    (lambda: hat([1, 2, np.nan]), "v: .*finite"),
-    (lambda: vee(np.ones((3, 4))), "S: .*shape"),
     (lambda: geodesic_distance(2 * np.eye(3), np.eye(3)), "R_1: .*special_procrustes"),
     (lambda: geodesic_distance(np.eye(3), np.diag([1, 1, -1])), "R_2: .*determinant -1"),
     (lambda: geodesic_distance(np.eye(3), 1.001 * np.eye(3)), "R_2: .*rotation"),
-    (lambda: geodesic_distance(np.eye(3), np.ones(3)), "R_2: .*shape"),
-    (lambda: geodesic_distance(EYES, np.tile(np.eye(3), (3, 1, 1))), "R_1 and R_2: .*broadcast"),
-    (lambda: mean_rotation(np.eye(3)), "R: .*shape"),
-    (lambda: mean_rotation(np.zeros((0, 3, 3))), "R: .*at least 1"),
     (lambda: mean_rotation(2 * EYES), "R: .*rotation"),
     (lambda: mean_rotation(EYES, [1, -1]), "weights: .*-1"),
     (lambda: mean_rotation(EYES, [0, 0]), "weights: .*not all 0"),
     (lambda: mean_rotation(EYES[None], [[0, 0]]), "weights: .*not all 0"),
-    (lambda: mean_rotation(EYES, [1, 1, 1]), "weights: .*N = 2"),
-    (lambda: mean_rotation(EYES, [1, np.inf]), "weights: .*finite"),
     (lambda: random_rotations(-1, generator=0), "batch: .*at least 0"),
     (lambda: random_rotations(2.0, generator=0), "batch: .*integer"),
     (lambda: random_rotations((2, 3), generator=0), "batch: .*integer"),

@@ -326,11 +326,8 @@ BAD = [
     (lambda: head_of("learnable").encode(torch.zeros(3, 3)), "R"),
     (lambda: RotationHead("6d").loss(torch.ones(4), torch.eye(3)), "outputs"),
     (lambda: RotationHead("quaternion", "output").loss(torch.ones(1), torch.eye(3)), "outputs"),
-    (lambda: RotationHead("euler").loss(torch.full((3,), torch.inf), torch.eye(3)), "outputs"),
-    (lambda: RotationHead("6d", "geodesic").loss(torch.ones(6), HALF), "R_gt"),
     (lambda: RotationHead("euler", "geodesic").loss(torch.ones(3), 2 * torch.eye(3)), "R_gt"),
     (lambda: RotationHead("euler", "output").loss(torch.ones(3), -torch.eye(3)), "R_gt"),
-    (lambda: RotationHead("euler").loss(torch.ones(2, 3), torch.eye(3).repeat(5, 1, 1)), "R_gt"),
 ]  # fmt: skip
 
 
