@@ -104,9 +104,9 @@ print("This page runs at scale:", scale())
 # The claim **holds** if all of the interval lies on the paper's side of zero. It is **contradicted
 # here**, on our small worlds, if all of it lies on the other side. And it is **undecided** if the
 # interval contains zero; such a row says how large a difference would have been seen. A claim that
-# two things are *equal* comes with a margin, stated beforehand, and holds if the interval lies within
-# it. Rows that say "our own question" ask what the paper does not. And a row is marked *stale*, with
-# the reason, when something that it was measured with has changed since.
+# two things are *equal* comes with a margin, from the paper's own numbers, and holds if the interval
+# lies within it. Rows that say "our own question" ask what the paper does not. And a row is marked
+# *stale*, with the reason, when something that it was measured with has changed since.
 
 # %%
 from book.tools.claims import ledger_table

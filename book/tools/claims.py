@@ -49,8 +49,8 @@ class Claim:
             that both are equal.
         unit: of the numbers.
         paper: the paper's numbers of the two sides; None where it gives none.
-        margin: of a claim that both are equal: how far apart they may be, in `unit`. It is stated
-            before anything is measured.
+        margin: of a claim that both are equal: how far apart they may be, in `unit`. It comes from
+            the paper's own spread or is stated before anything is measured, never from our numbers.
         margin_source: where the margin comes from, in words.
         ours: whether the question is our own, and no paper's.
 
@@ -243,9 +243,11 @@ def _result(row: Row) -> str:
         f"{_number(result.difference, 3)}{_apart(claim)}, "
         f"95 % interval {_number(result.low, 3)} to {_number(result.high, 3)}"
     )
-    if result.words == UNDECIDED and result.visible > 0:
-        seen = f"{_number(result.visible, 3)}{_apart(claim)}"
-        words += f"; a difference above {seen} could have been seen"
+    half = f"{_number(result.visible, 3)}{_apart(claim)}"
+    if result.words == UNDECIDED and claim.better is None:
+        words += f"; equality could be shown within {half} at best"
+    elif result.words == UNDECIDED and result.visible > 0:
+        words += f"; a difference above {half} could have been seen"
     elif result.words == UNDECIDED:
         words += "; both sides are equal in every seed"
     if row.stale:

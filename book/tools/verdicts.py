@@ -34,7 +34,7 @@ class Verdict(NamedTuple):
 
     @property
     def visible(self) -> float:
-        """Half the interval's width: a difference larger than that would have been seen."""
+        """Half the interval's width: a difference above that would have been told from 0."""
         return (self.high - self.low) / 2
 
 

@@ -17,7 +17,7 @@ from posecore.training import fit, seeded
 
 @pytest.fixture(scope="module")
 def results():
-    return {name: function(3) for name, (function, _) in page.MEASUREMENTS.items()}
+    return {name: measured.function(3) for name, measured in page.MEASUREMENTS.items()}
 
 
 def test_both_sides_of_every_claim_are_measured(results):
@@ -47,12 +47,12 @@ def test_numbers_are_degrees_or_percent_and_in_order(results):
 
 
 def test_seeds_count_from_three_on():
-    assert all(len(seeds) >= 3 for _, seeds in page.MEASUREMENTS.values())
+    assert all(len(measured.seeds) >= 3 for measured in page.MEASUREMENTS.values())
 
 
 @pytest.mark.parametrize("name", ["crossed_self_regression", "from_points", "from_images"])
 def test_a_seed_repeats_itself_and_another_differs(results, name):
-    function, _ = page.MEASUREMENTS[name]
+    function = page.MEASUREMENTS[name].function
     assert function(3) == results[name]
     assert function(4) != results[name]
 

@@ -153,7 +153,7 @@ def test_a_row_of_equality_says_its_margin_and_where_that_is_from() -> None:
     )
     assert text[3] == (
         "undecided: difference 2 degrees, 95 % interval -0.484 to 4.48; "
-        "a difference above 2.48 degrees could have been seen"
+        "equality could be shown within 2.48 degrees at best"
     )
     assert lines(row(EQUAL, [0.0, 0.0, 0.0]))[3] == (
         "holds: difference 0 degrees, 95 % interval 0 to 0"
