@@ -19,6 +19,13 @@ collect_ignore = ["my_work", "_build"]
 PROFILE = pytest.StashKey[Path]()
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Every notebook is slow. A hook of this kind is given the tests of all folders."""
+    for item in items:
+        if item.path.suffix == ".ipynb":
+            item.add_marker(pytest.mark.slow)
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
     """The first cell of a notebook starts its kernel."""

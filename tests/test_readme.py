@@ -4,9 +4,12 @@ import ast
 import re
 from pathlib import Path
 
+import pytest
+
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_example_of_batches_runs():
     (code,) = [
         block for block in re.findall(r"```python\n(.*?)```", README, re.S) if "Batches" in block

@@ -68,6 +68,7 @@ def test_make_check_clean(empty, monkeypatch, capsys):
     assert "0.0 MB deleted" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_check_of_all_splits(cache, capsys):
     assert main(["check", "tabletop", "--scale", "tiny"]) == 0
     assert [line[-20:] for line in capsys.readouterr().out.splitlines()] == [
@@ -77,6 +78,7 @@ def test_check_of_all_splits(cache, capsys):
     ]
 
 
+@pytest.mark.slow
 def test_show(cache, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["show", "tabletop", "--count", "3", "--first", "8"]) == 0
@@ -89,6 +91,7 @@ def test_show(cache, tmp_path, monkeypatch, capsys):
     assert cv2.imread(output).shape[1] == 1200, "there are two more"
 
 
+@pytest.mark.slow
 def test_export_and_back(cache, tmp_path, capsys):
     folder = tmp_path / "bop"
     assert main(["export", str(folder), "--count", "3"]) == 0
@@ -169,6 +172,7 @@ def test_what_argparse_refuses(arguments, capsys):
     assert "usage" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_as_a_module(cache):
     command = [sys.executable, "-W", "error", "-m", "data_tools", "make", "tables"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -147,6 +147,7 @@ history
 """
 
 
+@pytest.mark.slow
 def test_one_still_picture_is_left_in_a_notebook():
     from book.tools.execution import clean_outputs
 

@@ -58,6 +58,7 @@ assert len(plt.get_fignums()) == 1
 """
 
 
+@pytest.mark.slow
 def test_notebooks_show_the_picture_and_its_words_also_once_pyplot_is_there():
     """IPython has a way of its own to draw figures anew, which loses size and determinism."""
     pytest.importorskip("IPython")

@@ -180,6 +180,7 @@ def test_what_looks_right_is_right(seed):
     assert (measured.errors["add"] > 0.05).tolist() == flipped.tolist()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 def test_a_subset_of_the_objects_gets_the_same_errors(seed):
     rng = np.random.default_rng(seed)

@@ -263,6 +263,7 @@ def test_refinement_does_not_depend_on_the_unit():
     np.testing.assert_allclose(mm.t, 1000 * metres.t, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_real_frame_is_met_from_every_perturbation(real_data):
     scene = real_data / "lmo" / "test" / "000002"
     camera = json.loads((scene / "scene_camera.json").read_text())["3"]

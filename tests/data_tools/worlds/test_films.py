@@ -48,6 +48,7 @@ def test_neighbours_in_time_are_alike_and_the_head_moves_in_the_long_run():
     assert np.degrees(metrics.rotation_error(rotations, rotations[:1])).max() > 15
 
 
+@pytest.mark.slow
 def test_at_a_higher_rate_neighbours_are_more_alike():
     steps = []
     for rate, frames in ((10, 60), (60, 360)):

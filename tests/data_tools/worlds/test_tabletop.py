@@ -52,6 +52,7 @@ def test_sizes():
     }
 
 
+@pytest.mark.slow
 def test_views(made):
     for number, split in enumerate(SPLITS):
         assert len(made[split]) == WORLD.sizes["tiny"].counts[split]
@@ -151,6 +152,7 @@ def test_objects_lie_on_the_table(tables):
             assert np.linalg.norm(points[:, :2], axis=1).max() < 1.2
 
 
+@pytest.mark.slow
 def test_no_object_is_in_another(every):
     for view in every:
         for one, other in combinations(view.objects, 2):

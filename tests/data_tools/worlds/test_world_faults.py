@@ -18,6 +18,7 @@ from data_tools.worlds import tabletop
 from data_tools.worlds.world import Size
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.skipif(not hasattr(os, "fork"), reason="these tests fork"),
     pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning"),
 ]

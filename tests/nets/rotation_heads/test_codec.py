@@ -58,6 +58,7 @@ def test_shapes_of_the_paper() -> None:
     assert RotationCodec(octaves=10).project.in_features == 180
 
 
+@pytest.mark.slow
 def test_it_learns_to_a_few_degrees(codec: RotationCodec) -> None:
     # The paper's network that learns this target has 0.68 degrees on average, after far more steps.
     error = torch.rad2deg(geodesic_distance(codec(TEST), TEST))

@@ -9,6 +9,7 @@ from book.tools.notebooks import read_source
 from posecore.rotations import is_rotation
 
 
+@pytest.mark.slow
 def test_the_page_runs_on_real_data_and_prints_the_published_angles(real_data, monkeypatch, capsys):
     monkeypatch.setenv("POSECORE_DATA", str(real_data))
     page = {"__name__": "page"}

@@ -1,12 +1,14 @@
 """The first and last figures of chapter 2 show what the records say, in pictures and in words."""
 
 import numpy as np
+import pytest
 
 import data_tools
 from book.ch02_small_worlds.drawing import page
 from posecore import cameras
 
 
+@pytest.mark.slow
 def test_the_question_shows_each_world_twice():
     figure = page.question()
     assert len(figure.axes) == 6

@@ -183,6 +183,7 @@ FIGURES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FIGURES)
 def test_figures_have_words_and_repeat_byte_for_byte(name):
     first, second = FIGURES[name](), FIGURES[name]()

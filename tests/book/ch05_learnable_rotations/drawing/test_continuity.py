@@ -187,6 +187,7 @@ SIMPLE_FIGURES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SIMPLE_FIGURES)
 def test_figures_have_words_and_repeat_byte_for_byte(name):
     first, second = SIMPLE_FIGURES[name](), SIMPLE_FIGURES[name]()
