@@ -10,14 +10,19 @@ import ast
 import re
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
+import safetensors
+import safetensors.torch
 from nbformat import NotebookNode
 
+from book.tools.checkpoints import read_about
 from book.tools.contents import BOOK, PARTS, ROOT, Page, notebooks, notebooks_of, pages
 from book.tools.execution import WIDGET_VIEW
 from book.tools.exercises import generated
 from book.tools.inputs import stale_inputs
+from book.tools.ledger import require_ledger
 from book.tools.measuring import shown, stale_results
 from book.tools.notebooks import (
     cells_differ,
@@ -65,11 +70,14 @@ def problems(book: Path = BOOK, only: Sequence[Page] | None = None) -> list[str]
     for page in pages(book) if only is None else only:
         found += _missing(page, book)
         found += _page(page, book)
+        found += _results(page, book)
     return found
 
 
 def stale(book: Path = BOOK, only: Sequence[Page] | None = None) -> list[str]:
     """What is older than the code it was made from, a line each.
+
+    Files that cannot be read are passed over: `problems` tells of them.
 
     Args:
         book, only: as for `problems`.
@@ -77,15 +85,32 @@ def stale(book: Path = BOOK, only: Sequence[Page] | None = None) -> list[str]:
     found = []
     for page in pages(book) if only is None else only:
         path = book / f"{page.name}.ipynb"
-        try:
-            results = list(stale_results(page, book))
+        results: list[tuple[str, tuple[str, ...]]] = []
+        with suppress(ValueError):
+            results += stale_results(page, book)
+        with suppress(ValueError):
             if path.is_file():
                 results.append(("the page", stale_inputs(read_notebook(path), page, book)))
-        except ValueError as error:  # a file that cannot be read
-            found.append(f"{page.name}: {error}")
-            continue
         found += [f"{page.name}, {name}: stale: {shown(why)}" for name, why in results if why]
     return found
+
+
+def _results(page: Page, book: Path) -> Iterator[str]:
+    """Ledgers and notes on weights that cannot be read, and networks that are not whole."""
+    folder = book / page.package
+    ledger = folder / "claims.json"
+    try:
+        require_ledger(ledger)
+    except ValueError as error:
+        yield f"{page.package}: {error}"
+    for path in sorted((folder / "weights").glob("*.safetensors")):
+        try:
+            read_about(path)
+            safetensors.torch.load(path.read_bytes())
+        except ValueError as error:
+            yield f"{page.package}/weights: {error}"
+        except safetensors.SafetensorError as error:
+            yield f"{page.package}/weights: {path.name} is damaged: {error}"
 
 
 def _missing(page: Page, book: Path) -> Iterator[str]:

@@ -13,7 +13,6 @@ beside it, which says how it was made. The page then says
 from __future__ import annotations
 
 import hashlib
-import inspect
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -26,7 +25,8 @@ import safetensors.torch
 import torch
 from torch import Tensor, nn
 
-from book.tools.dependencies import code_of, dependencies, reasons
+from book.tools.dependencies import dependencies
+from book.tools.ledger import require_named, stale
 from posecore import weights
 from posecore.arrays import fail, require_choice
 from posecore.scale import cache_folder, retrain, scale
@@ -93,11 +93,11 @@ def resume_folder(function: Callable[..., Any], *details: object, data: Iterable
     a changed world, starts anew.
 
     Args:
-        function: the one that trains; its module must be importable by name.
+        function: the one that trains, at the top level of a module that can be imported by name.
         details: what tells its trainings apart: a seed, the name of a representation.
         data: the datasets that it opens, "world/split".
     """
-    function = inspect.unwrap(function)
+    function = require_named("function", function)
     kept = dependencies(function, data, scale())
     words = (scale(), json.dumps(kept, sort_keys=True), *map(str, details))
     digest = hashlib.sha256(json.dumps(words).encode()).hexdigest()[:16]
@@ -117,15 +117,13 @@ def stale_weights(path: Path) -> tuple[str, ...]:
     about = read_about(path)
     if not about:
         return (f"no {path.with_suffix('.json').name} says how it was trained",)
-    function = f"{about['module']}:{about['function']}"
     try:
-        if weights.digest(safetensors.torch.load(path.read_bytes())) != about["digest"]:
-            return (f"{path.name} holds other weights than were trained",)
-        data = [f"{n}/{split}" for n, world in about["data"].items() for split in world["splits"]]
-        now = dependencies(function, data, about["scale"])
-        return reasons(about, now, code_of(function, data))
-    except (ValueError, safetensors.SafetensorError) as error:
-        return (f"{function}: {_first_line(error)}",)
+        digest = weights.digest(safetensors.torch.load(path.read_bytes()))
+    except (OSError, safetensors.SafetensorError) as error:
+        return (f"{path.name} cannot be read: {_first_line(error)}",)
+    if digest != about["digest"]:
+        return (f"{path.name} holds other weights than were trained",)
+    return stale(about, "trained")
 
 
 def read_about(path: Path) -> dict[str, Any]:
@@ -139,9 +137,9 @@ def read_about(path: Path) -> dict[str, Any]:
         return {}
     try:
         about = json.loads(file.read_bytes())
-        _ = (about["module"], about["function"], about["digest"], about["scale"], about["data"])
+        _ = (about["module"], about["function"], about["digest"], about["scale"])
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{file}: damaged: {error!r}") from error
+        raise ValueError(f"{file.name} is damaged: {error!r}") from error
     return about
 
 
@@ -153,8 +151,13 @@ def _load(path: Path, model: nn.Module) -> str:
         return f"there is no {path.name}"
     try:
         made_at = read_about(path).get("scale")
+    except ValueError as error:
+        return _first_line(error)
+    if made_at is None:
+        return f"no {path.with_suffix('.json').name} says how {path.name} was made"
+    try:
         state = safetensors.torch.load(path.read_bytes())
-    except (safetensors.SafetensorError, ValueError) as error:
+    except safetensors.SafetensorError as error:
         return f"{path.name} is damaged ({_first_line(error)})"
     if made_at != scale():
         return f"{path.name} was made at {made_at} scale and this is {scale()}"

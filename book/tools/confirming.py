@@ -20,7 +20,7 @@ import torch
 from book.tools.checkpoints import Training, read_about
 from book.tools.contents import BOOK, find_page
 from book.tools.dependencies import code_of, dependencies, reasons, records_digest
-from book.tools.ledger import Measurement, read_file, write_file
+from book.tools.ledger import KEPT, Measurement, read_file, require_named, write_file
 from book.tools.measuring import declared, import_experiments, shown, trained, write_about
 from book.tools.variables import variables
 from posecore import weights
@@ -77,11 +77,17 @@ def _confirm(
     entry: dict[str, Any], declared: Measurement | Training, run: Callable[[], Mapping[str, Any]]
 ) -> str:
     """Confirm one result, or keep what it gives at tiny; says in words what was done."""
-    function = declared.function
+    made = "measured" if isinstance(declared, Measurement) else "trained"
+    if not entry.keys() >= KEPT:
+        return f"stale: how it was {made} is not kept"
+    function = require_named("function", declared.function)
+    names = {"module": function.__module__, "function": function.__qualname__}
     now = dependencies(function, declared.data, entry["scale"])
     changed = reasons(entry, now, code_of(function, declared.data))
     kept = entry.get("tiny", {})
     here = kept.get("machine") == _machine()
+    if not changed:
+        entry |= names  # it may have moved to another module
     if not changed and (here or getattr(declared, "timed", False)):
         return "fresh"
     why = "" if not changed else _refused(entry, now, kept, here, declared)
@@ -95,7 +101,6 @@ def _confirm(
     if changed:
         if different := _differing(kept, found):
             return f"stale: {shown(changed)}; other at tiny: {different}"
-        names = {"module": function.__module__, "function": function.__qualname__}
         entry |= names | now | {"confirmed": "tiny"}
     entry["tiny"] = found
     return (

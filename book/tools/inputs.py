@@ -41,7 +41,7 @@ def inputs(nb: NotebookNode, page: Page, book: Path) -> dict[str, Any]:
     """
     shown = pages(book) if page.name == "index" else [page]
     return {
-        "definitions": _closure(nb, book).text,
+        "definitions": _closure(nb, page, book).text,
         "claims": _claims(book / one.package / "claims.json" for one in shown),
         "weights": _weights(book / page.package / "weights"),
     }
@@ -54,19 +54,24 @@ def stale_inputs(nb: NotebookNode, page: Page, book: Path) -> tuple[str, ...]:
         nb, page, book: as for `inputs`; the notebook keeps those of its execution.
     """
     kept = nb.metadata.get("posecore", {}).get("inputs")
-    if not isinstance(kept, dict):
-        return () if kept is None else ("inputs of an older kind",)
+    if kept is None:
+        return ()
+    if not isinstance(kept, dict) or not kept.keys() >= {"claims", "definitions", "weights"}:
+        return ("what it was made from is not kept",)
     now = inputs(nb, page, book)
-    found = changes(kept["definitions"], _closure(nb, book))
+    found = changes(kept["definitions"], _closure(nb, page, book))
     found += ["claims"] if kept["claims"] != now["claims"] else []
     both = sorted(kept["weights"].keys() | now["weights"].keys())
     found += [f"weights/{n}" for n in both if kept["weights"].get(n) != now["weights"].get(n)]
     return tuple(found)
 
 
-def _closure(nb: NotebookNode, book: Path) -> Closure:
+def _closure(nb: NotebookNode, page: Page, book: Path) -> Closure:
     code = "\n".join(cell.source for cell in nb.cells if cell.cell_type == "code")
-    return of_source(code, (book.resolve().name,))
+    try:
+        return of_source(code, (book.resolve().name,))
+    except ValueError as error:
+        raise ValueError(f"{page.name}: {error}") from error
 
 
 def _claims(files: Iterable[Path]) -> str:

@@ -32,18 +32,25 @@ from book.tools.keys import Key
 from posecore.arrays import fail, require_integer, require_number
 from posecore.files import write_bytes
 from posecore.fingerprint import HOME
+from posecore.fingerprint.modules import find_module
 from posecore.scale import scale
 
 __all__ = [
+    "KEPT",
     "Measurement",
     "all_rows",
     "measure",
     "read_file",
     "read_ledger",
     "record",
+    "require_ledger",
+    "require_named",
     "stale",
     "write_file",
 ]
+
+KEPT = {"data", "definitions", "numbers"}
+"""What an entry says of what it depends on; older ones say something else."""
 
 
 class Measurement(NamedTuple):
@@ -77,8 +84,8 @@ def measure(
 
     Args:
         name: of the measurement in the ledger.
-        measurement: its function stands in a module that can be imported by name, and returns
-            finite numbers.
+        measurement: its function stands at the top level of a module that can be imported by name,
+            and returns finite numbers.
         path: the JSON file, made where there is none.
         say: is told how long each seed took.
 
@@ -97,7 +104,8 @@ def measure(
     more: dict[str, Any] = {"seconds": {}}  # what is no condition
     for part in ("measurements", "unfinished"):
         entry = ledger[part].get(name, {})
-        if {key: entry.get(key) for key in conditions} == conditions:
+        # A function may move to another module, as what it reaches may.
+        if all(entry.get(key) == conditions[key] for key in conditions.keys() - {"module"}):
             values.update(entry["values"])
             more |= {key: entry[key] for key in ("seconds", "tiny", "confirmed") if key in entry}
     for seed in wanted:
@@ -116,9 +124,7 @@ def measure(
 
 
 def _conditions(measurement: Measurement) -> dict[str, Any]:
-    plain = inspect.unwrap(measurement.function)
-    if not inspect.isfunction(plain):
-        fail("function", "a plain function", type(plain).__name__)
+    plain = require_named("function", measurement.function)
     return {
         "module": plain.__module__,
         "function": plain.__qualname__,
@@ -127,6 +133,24 @@ def _conditions(measurement: Measurement) -> dict[str, Any]:
         "version": posecore.__version__,
         "machine": machine(),
     }
+
+
+def require_named(name: str, value: object) -> Callable[..., Any]:
+    """A function without its decorators, which its name finds again.
+
+    Raises:
+        ValueError: if it is none, or stands inside another one or a class, or has no name.
+    """
+    plain = inspect.unwrap(value) if callable(value) else value
+    if not inspect.isfunction(plain):
+        fail(name, "a plain function", type(plain).__name__)
+    where = f"{plain.__qualname__} of {plain.__module__}"
+    if not plain.__qualname__.isidentifier():
+        fail(name, "a function at the top level of a module", where)
+    module = find_module(plain.__module__)
+    if module is None or plain.__qualname__ not in module.definitions:
+        fail(name, "a function from a module that can be imported", where)
+    return plain
 
 
 def machine() -> str:
@@ -187,6 +211,19 @@ def read_ledger(path: Path) -> list[Row]:
     Raises:
         ValueError: if the file is damaged.
     """
+    return _rows(path, stale)
+
+
+def require_ledger(path: Path) -> None:
+    """Refuse a ledger that cannot be read; whether its rows are stale is not asked.
+
+    Raises:
+        ValueError: if the file is damaged.
+    """
+    _rows(path, lambda conditions: ())
+
+
+def _rows(path: Path, changed: Callable[[Mapping[str, Any]], tuple[str, ...]]) -> list[Row]:
     ledger = read_file(path)
     known: dict[str, tuple[str, ...]] = {}
     rows = []
@@ -196,7 +233,7 @@ def read_ledger(path: Path) -> list[Row]:
             conditions = dict(ledger["measurements"][claim.measurement])
             values = {int(s): _keyed(n) for s, n in conditions.pop("values").items()}
             if claim.measurement not in known:
-                known[claim.measurement] = stale(conditions)
+                known[claim.measurement] = changed(conditions)
             rows.append(Row(claim, values, conditions, known[claim.measurement]))
             _ = rows[-1].verdict  # fails here, with the file's name, and not on the page
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -204,19 +241,28 @@ def read_ledger(path: Path) -> list[Row]:
     return rows
 
 
-def stale(conditions: Mapping[str, Any]) -> tuple[str, ...]:
-    """What has changed since a measurement was made; nothing if it is fresh.
+def stale(conditions: Mapping[str, Any], made: str = "measured") -> tuple[str, ...]:
+    """What has changed since a result was made; nothing if it is fresh.
 
     Args:
-        conditions: an entry of `measurements` in a ledger.
+        conditions: an entry of `measurements` in a ledger, or what is kept of a training.
+        made: how, in a word.
+
+    Raises:
+        KeyError, TypeError: if it is no such entry.
     """
     function = f"{conditions['module']}:{conditions['function']}"
+    if not conditions.keys() >= KEPT:
+        return (f"how it was {made} is not kept",)
     data = [f"{n}/{split}" for n, world in conditions["data"].items() for split in world["splits"]]
     try:
-        now = dependencies(function, data, conditions["scale"])
-        return reasons(conditions, now, code_of(function, data))
-    except ValueError:  # it is gone, or no Python any more
-        return (f"{function} is gone",)
+        code = code_of(function, data)
+    except ValueError as error:
+        return (str(error) if "no Python" in str(error) else f"{function} is gone",)
+    try:
+        return reasons(conditions, dependencies(function, data, conditions["scale"]), code)
+    except ValueError as error:  # a world or a split is gone
+        return (f"{function}: {error}",)
 
 
 def all_rows(book: Path = HOME / "book") -> dict[str, list[Row]]:

@@ -13,8 +13,8 @@ declares; `make.py claims NN --confirm` (`book.tools.confirming`) finds out whet
 from __future__ import annotations
 
 import importlib
-import inspect
 import json
+import math
 import os
 import re
 import sys
@@ -33,7 +33,15 @@ from book.tools.checkpoints import Training, read_about, stale_weights
 from book.tools.claims import Claim, Row, ledger_table
 from book.tools.contents import BOOK, Page, find_page
 from book.tools.dependencies import dependencies
-from book.tools.ledger import Measurement, measure, read_file, read_ledger, record, stale
+from book.tools.ledger import (
+    Measurement,
+    measure,
+    read_file,
+    read_ledger,
+    record,
+    require_named,
+    stale,
+)
 from book.tools.variables import variables
 from posecore import weights
 from posecore.arrays import fail, require_choice
@@ -108,22 +116,24 @@ def train(page: str, book: Path = BOOK, *, scale: str | None = None) -> list[Pat
             about = about_training(training, now)
             start = time.perf_counter()
             tensors = trained(training)
+            seconds = round(time.perf_counter() - start, 1)
             data = _packed(f"CHECKPOINTS[{key!r}]", tensors)
             about["digest"] = weights.digest(safetensors.torch.load(data))
+            about["seconds"] = {str(SEED): seconds}
             path = folder / found.package / "weights" / f"{key}.safetensors"
             path.parent.mkdir(parents=True, exist_ok=True)
             write_bytes(path, data)
             if path.read_bytes() != data:
                 raise OSError(f"{path}: does not read back as it was written")
             write_about(path, about)
-            _say(f"{found.name}, {key}: {_seconds(start)}, {len(data) / 1e6:.2f} MB at {path}")
+            _say(f"{found.name}, {key}: {seconds} s, {len(data) / 1e6:.2f} MB at {path}")
             written.append(path)
     return written
 
 
 def about_training(training: Training, scale: str) -> dict[str, Any]:
     """How a network is made, as `KEY.json` keeps it."""
-    function = inspect.unwrap(training.function)
+    function = require_named("function", training.function)
     names = {"module": function.__module__, "function": function.__qualname__}
     return {**names, **dependencies(function, training.data, scale), "scale": scale, "seed": SEED}
 
@@ -162,8 +172,8 @@ def status(page: Page, book: Path = BOOK) -> list[str]:
     for name, changed in stale_results(page, book):
         entry = measured.get(name) or read_about(folder / name)
         seconds = sum((entry.get("seconds") or {}).values())
-        minutes = f"{seconds / 60:.0f} minutes" if seconds else "a time that was not kept"
-        lines.append(f"{page.name}, {name}: stale: {shown(changed)}; measured anew in {minutes}")
+        time_taken = f"{math.ceil(seconds / 60)} min" if seconds else "a time that was not kept"
+        lines.append(f"{page.name}, {name}: stale: {shown(changed)}; made anew in {time_taken}")
     return lines or [f"{page.name}: nothing is stale"]
 
 
@@ -199,10 +209,9 @@ def declared(
         for key, value in mapping.items():
             if not isinstance(key, str) or not re.fullmatch("[a-z0-9_]+", key):
                 fail(name, "names of small letters, digits and _", repr(key))
-            if not isinstance(value, kind) or not inspect.isfunction(
-                inspect.unwrap(value.function)
-            ):
+            if not isinstance(value, kind):
                 fail(f"{name}[{key!r}]", f"a {kind.__name__} of a function", repr(value))
+            require_named(f"{name}[{key!r}].function", value.function)
     ids = [claim.id for claim in stated]
     for claim in stated:
         wanted = claim.measurement
@@ -278,10 +287,6 @@ def _at(scale: str | None, book: Path) -> Iterator[tuple[Path, str]]:
     require_choice("scale", now, SCALES)
     with variables({"POSECORE_SCALE": now}):
         yield (book if now == "book" else book / "_build" / now), now
-
-
-def _seconds(start: float) -> str:
-    return f"{time.perf_counter() - start:.1f} s"
 
 
 def _say(line: str) -> None:

@@ -1,6 +1,7 @@
-"""A small book with every kind of content, and its site, built once for all tests."""
+"""Two small books: one that measures, and one with every kind of content, with its site."""
 
 import json
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,13 +10,15 @@ from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_outp
 
 from book.tools.checks import DONE, NOT_DONE, NOT_RIGHT, Answer
 from book.tools.claims import Claim, LedgerTable, Row
-from book.tools.keys import Key
 from book.tools.contents import BOOK
 from book.tools.execution import WIDGET_VIEW
+from book.tools.keys import Key
 from book.tools.site import build
 from book.tools.source import show_source
+from data_tools.readers import READERS
 from posecore import figures
 from posecore.metrics import add
+from tests.book.tools.small_book import forget, write_folio
 
 CONTENTS = """
 [[page]]
@@ -38,7 +41,7 @@ turn. Umeyama's solution ([Umeyama, 1991](https://doi.org/10.1109/34.88573)) fin
 ICP ([Besl and McKay, 1992](https://doi.org/10.1109/34.121791/)) without knowing which points
 belong together; the second chapter [goes on](02_second.ipynb), from
 [a heading in it](02_second.ipynb#A-heading-with-Capitals) or [one here](#A-formula). Its figures
-are drawn by [code of their own](drawing/01_first.py), its metrics by
+are drawn by [code of their own](ch01_first/drawing.py), its metrics by
 [the library](../library/metrics.py). `[no link](https://doi.org/10.1/none)` is code.
 
 ## A formula
@@ -183,14 +186,28 @@ def write_notebook(path, cells):
 def write_book(folder):
     """A project with a small book; returns the folder of the book."""
     book = folder / "project" / "book"
-    for part in ("site", "drawing", "exercises", "solutions", "../library"):
+    for part in ("site", "ch01_first", "exercises", "solutions", "../library"):
         (book / part).mkdir(parents=True)
     (book / "site" / "contents.toml").write_text(CONTENTS)
-    (book / "drawing" / "01_first.py").write_text("print('figures')\n")
+    (book / "ch01_first" / "drawing.py").write_text("print('figures')\n")
     (book / "../library" / "metrics.py").write_text("print('metrics')\n")
     for name, cells in _cells().items():
         write_notebook(book / f"{name}.ipynb", cells)
     return book
+
+
+@pytest.fixture
+def folio(tmp_path, monkeypatch):
+    """A book named folio that can be imported, and its world; at book scale, a cache of its own."""
+    book = write_folio(tmp_path)
+    monkeypatch.delenv("POSECORE_SCALE", raising=False)
+    monkeypatch.setenv("POSECORE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setitem(READERS, "specks", "folio.ch01_poses.specks:WORLD.open")
+    # An edit within one second that leaves the size as it was would run the old bytecode.
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield book
+    forget()
 
 
 @pytest.fixture(scope="session")
