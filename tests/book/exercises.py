@@ -17,10 +17,13 @@ and hands them over:
         solutions = SOLUTIONS
 """
 
+import copy
+import functools
 from collections.abc import Callable, Sequence
 from types import ModuleType
 from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
 import pytest
 
 from book.tools.checks import DONE, NOT_DONE, NOT_RIGHT, Exercise
@@ -61,6 +64,15 @@ def stub(*given: Any) -> None:
     ...
 
 
+@functools.cache
+def prepared(check: Exercise) -> Exercise:
+    """The same check, its inputs made once for all solutions: some take longer than any of them."""
+    made = list(check.inputs(np.random.default_rng(check.seed)))
+    twin = copy.copy(check)
+    twin.inputs = lambda rng: made
+    return twin
+
+
 class ExerciseTests:
     checks: ClassVar[ModuleType]
     solutions: ClassVar[Sequence[Solution]]
@@ -76,7 +88,7 @@ class ExerciseTests:
             metafunc.parametrize(name, cases[name], ids=str)
 
     def check_of(self, exercise: str) -> Exercise:
-        return getattr(self.checks, f"check_{exercise}")
+        return prepared(getattr(self.checks, f"check_{exercise}"))
 
     def test_a_stub_is_not_done_and_the_reference_is(self, check: str) -> None:
         exercise = getattr(self.checks, check)

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from book.ch01_poses_and_cameras import checks
@@ -20,6 +20,7 @@ class TestExercises(ExerciseTests):
 
 
 @given(st.floats(0.01, 0.3), st.floats(-0.02, 0.02))
+@settings(max_examples=20)
 def test_the_open_exercise_is_judged_by_its_property(slide: float, aside: float) -> None:
     """Whatever is forgiven by one metric and refused by the other on all inputs is done."""
 
