@@ -1370,9 +1370,10 @@ for loss in LOSSES:
 # book, for whoever wants its codes as targets. With `POSECORE_RETRAIN=1` it is trained anew.
 
 # %%
+from book.ch05_learnable_rotations import experiments
 from book.tools.checkpoints import load_or_train
 
-shipped = load_or_train("05_learnable_rotations", "codec", RotationCodec())
+shipped = load_or_train(experiments, "codec", RotationCodec())
 off_by = {}
 for name, one in (("this page's", codec), ("shipped", shipped)):
     off_by[name] = torch.rad2deg(geodesic_distance(one(R), R)).mean()

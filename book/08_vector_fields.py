@@ -1743,9 +1743,10 @@ history = fit(
 # is best in section 10. Where the network's file is not at hand, or at another scale, it is trained here.
 
 # %%
+from book.ch08_vector_fields import experiments
 from book.tools.checkpoints import load_or_train
 
-net = load_or_train("08_vector_fields", "field", training.new_net())
+net = load_or_train(experiments, "field", training.new_net())
 stages[f"after {steps} steps"] = look_at_all(trial)
 stages["shipped"] = look_at_all(net)
 stages["truth"] = [(mask, arrows) for _, mask, arrows in several]
@@ -2032,7 +2033,7 @@ from posecore import rotations
 from posecore.methods.vector_field import refinement
 from posecore.methods.vector_field.masked_fields import MaskedFields
 
-refiner = load_or_train("08_vector_fields", "refiner", comparison.new_refiner())
+refiner = load_or_train(experiments, "refiner", comparison.new_refiner())
 teapot_points = refiner.points[2].double().numpy()  # (N, 3), chosen by farthest point sampling
 centre = teapot_model.keypoints[-1]
 turn = rotations.axis_angle_to_matrix(np.radians(18) * np.array([0.6, 0, 0.8]))

@@ -7,6 +7,7 @@ import numpy as np
 
 from book.tools.claims import Claim
 from book.tools.keys import Key
+from book.tools.ledger import Measurement
 from data_tools.worlds.films import film
 from posecore import metrics
 from posecore.scale import choose
@@ -81,4 +82,4 @@ CLAIMS = [
         ours=True,
     ),
 ]
-MEASUREMENTS = {"split_of_films": (split_of_films, range(5))}
+MEASUREMENTS = {"split_of_films": Measurement(split_of_films, range(5))}

@@ -9,8 +9,10 @@ from torch import Tensor
 
 from book.ch05_learnable_rotations import rotation_tables as tables
 from book.ch05_learnable_rotations import rotations_seen as seen
+from book.tools.checkpoints import Training
 from book.tools.claims import Claim
 from book.tools.keys import Key
+from book.tools.ledger import Measurement
 from posecore.nets.rotation_heads import train_codec
 from posecore.scale import choose
 
@@ -126,11 +128,12 @@ CLAIMS = [
           other=Key("quaternion, output", "easy", "rotation"), **LOWER),
 ]  # fmt: skip
 
+TEAPOTS = ("tabletop/train", "tabletop/easy", "tabletop/occluded")
 MEASUREMENTS = {
-    "self_regression": (tables.self_regression, range(5)),
-    "crossed_self_regression": (tables.crossed_self_regression, range(3)),
-    "from_images": (seen.from_images, range(3)),
-    "from_points": (seen.from_points, range(3)),
+    "self_regression": Measurement(tables.self_regression, range(5)),
+    "crossed_self_regression": Measurement(tables.crossed_self_regression, range(3)),
+    "from_images": Measurement(seen.from_images, range(3), TEAPOTS),
+    "from_points": Measurement(seen.from_points, range(3), TEAPOTS),
 }
 
 
@@ -140,4 +143,4 @@ def train_shipped_codec() -> dict[str, Tensor]:
     return dict(codec.state_dict())
 
 
-CHECKPOINTS = {"codec": train_shipped_codec}
+CHECKPOINTS = {"codec": Training(train_shipped_codec)}

@@ -31,6 +31,7 @@ from posecore.training import fit, seeded
 
 __all__ = [
     "BINS",
+    "DATA",
     "FIT",
     "LOSSES",
     "REFINER_STEPS",
@@ -48,6 +49,7 @@ __all__ = [
 ]
 
 SPLITS = ("easy", "occluded")
+DATA = ("tabletop/train", "tabletop/easy", "tabletop/occluded")
 STEPS = {"tiny": 20, "book": 1600, "paper": 250_000}
 REFINER_STEPS = {"tiny": 20, "book": 2000, "paper": 50_000}
 LOSSES: dict[str, tuple] = {
@@ -197,7 +199,7 @@ def train_refiner(
         clip=1.0,
         seed=seed,
         device="cpu",
-        resume=resume_folder(train_refiner, *names) if keep else None,
+        resume=resume_folder(train_refiner, *names, data=training.DATA) if keep else None,
         show=False,
     )
     return refiner

@@ -27,6 +27,7 @@ from posecore.training import History, fit, seeded
 from posecore.training.muon import Muon
 
 __all__ = [
+    "DATA",
     "NAMES",
     "OBJECTS",
     "VARIED",
@@ -42,6 +43,8 @@ __all__ = [
 ]
 
 OBJECTS = (7, 3, 5)
+DATA = ("tabletop/train", "tabletop/easy")
+"""What a training opens; of the second only what its objects are."""
 NAMES = ("drill", "vase", "teapot")
 VARIED = MILD
 """Milder than the default: tests are rendered as training images are."""
@@ -157,7 +160,7 @@ def train_net(
         clip=10.0,
         seed=seed,
         device="cpu",
-        resume=resume_folder(train_net, *details) if keep else None,
+        resume=resume_folder(train_net, *details, data=DATA) if keep else None,
         recipe=recipe,
         show=show,
     )

@@ -21,6 +21,8 @@ __all__ = ["code_of", "dependencies", "open_world", "reasons", "records_digest"]
 
 OPENING = "data_tools.worlds.world:World"
 """What finds the records of any world, and reads them."""
+KEEPING = ("book.tools", "posecore.fingerprint")
+"""What keeps results and finds them again is no part of them."""
 
 
 def dependencies(
@@ -60,7 +62,8 @@ def code_of(
         function, data: as for `dependencies`.
         refusals: as for `closure`.
     """
-    return closure(function, *([OPENING] if tuple(data) else []), refusals=refusals)
+    opening = [OPENING] if tuple(data) else []
+    return closure(function, *opening, without=KEEPING, refusals=refusals)
 
 
 def open_world(source: str, scale: str) -> WorldDataset:
@@ -70,7 +73,10 @@ def open_world(source: str, scale: str) -> WorldDataset:
         ValueError: if `source` is not "world/split" of a world of ours.
     """
     name, _, split = source.partition("/")
-    dataset = data_tools.open(name, split=split or None, scale=scale, whole=False)
+    try:
+        dataset = data_tools.open(name, split=split or None, scale=scale, whole=False)
+    except TypeError:  # other readers know no scale
+        dataset = None
     if not isinstance(dataset, WorldDataset):
         fail("data", "a world and a split, 'tabletop/train'", repr(source))
     return dataset
@@ -110,7 +116,7 @@ def reasons(kept: Mapping[str, Any], now: Mapping[str, Any], code: Closure) -> t
 def _differing(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
     """Which splits and which of their numbers differ."""
     if before.keys() != after.keys():
-        return f"splits {', '.join(after)} and no longer {', '.join(before)}"
+        return f"splits {', '.join(after)} in place of {', '.join(before)}"
     parts = {
         f"{split} {key}"
         for split in after

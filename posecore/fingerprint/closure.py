@@ -61,6 +61,7 @@ class Closure:
 def closure(
     *roots: Callable[..., Any] | str,
     packages: Iterable[str] = PACKAGES,
+    without: Iterable[str] = (),
     refusals: bool = False,
     sources: Mapping[str, bytes] | None = None,
 ) -> Closure:
@@ -76,6 +77,7 @@ def closure(
             seen through), or names: "package.module" for all that the module defines,
             "package.module:name" for one definition.
         packages: whose definitions count, besides those of the roots' own packages.
+        without: packages and modules in these that do not count after all.
         refusals: whether lines that only refuse count, for tests that watch what runs.
         sources: of modules, in place of what is in their files.
 
@@ -84,7 +86,7 @@ def closure(
     """
     starts = [start for root in roots for start in _starts(root)]
     tops = {*packages, *(module.partition(".")[0] for module, _ in starts)}
-    return _Walk(tops, refusals, sources).run(starts)
+    return _Walk(tops, refusals, tuple(without), sources).run(starts)
 
 
 def of_source(source: str, packages: Iterable[str] = ("book",)) -> Closure:
@@ -143,9 +145,13 @@ class _Walk:
     """Follows references from definition to definition."""
 
     def __init__(
-        self, tops: set[str], refusals: bool, sources: Mapping[str, bytes] | None = None
+        self,
+        tops: set[str],
+        refusals: bool,
+        without: tuple[str, ...] = (),
+        sources: Mapping[str, bytes] | None = None,
     ) -> None:
-        self.tops, self.refusals = tops, refusals
+        self.tops, self.refusals, self.without = tops, refusals, without
         # A file is read once in a walk, and again in the next, as it may have been edited.
         self.find = functools.cache(functools.partial(find_module, sources=sources or {}))
 
@@ -240,7 +246,8 @@ class _Walk:
         return None if found is None else Found(found.name, found.origins + doors, 1)
 
     def _ours(self, module: str) -> bool:
-        return module.partition(".")[0] in self.tops
+        is_without = any(f"{module}.".startswith(f"{name}.") for name in self.without)
+        return module.partition(".")[0] in self.tops and not is_without
 
 
 def _statements(module: Module, name: str) -> list[ast.stmt]:
