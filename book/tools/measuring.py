@@ -171,9 +171,9 @@ def status(page: Page, book: Path = BOOK) -> list[str]:
     measured = read_file(folder / "claims.json")["measurements"]
     for name, changed in stale_results(page, book):
         entry = measured.get(name) or read_about(folder / name)
-        seconds = sum((entry.get("seconds") or {}).values())
-        time_taken = f"{math.ceil(seconds / 60)} min" if seconds else "a time that was not kept"
-        lines.append(f"{page.name}, {name}: stale: {shown(changed)}; made anew in {time_taken}")
+        seconds = entry.get("seconds", {}).values()
+        minutes = f"{max(1, math.ceil(sum(seconds) / 60))} min" if seconds else "a time not kept"
+        lines.append(f"{page.name}, {name}: stale: {shown(changed)}; made anew in {minutes}")
     return lines or [f"{page.name}: nothing is stale"]
 
 

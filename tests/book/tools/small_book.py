@@ -57,12 +57,12 @@ def note(text):
     if LOG:
         with open(LOG, "a") as file:
             file.write(text + "\\n")
+        time.sleep(0.05)
 
 
 def table(seed):
     calls.append(seed)
     note(f"start {seed}")
-    time.sleep(0.05 if LOG else 0)
     note(f"end {seed}")
     return {Key("a"): seed / 3 + shift() + SIZE, Key("b"): 2 * seed / 3 + 3.5}
 

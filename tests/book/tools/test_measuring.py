@@ -2,108 +2,59 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from safetensors import safe_open
 from safetensors.torch import load_file
 
-from book.tools import measuring as ledgers
-from book.tools.ledger import read_ledger
-from book.tools.measuring import all_rows, claims, train
-from posecore import fingerprint
+from book.tools import measuring
+from book.tools.contents import ROOT, find_page
+from book.tools.ledger import all_rows, read_ledger
+from book.tools.measuring import claims, stale_results, status, train
+from posecore import weights
+from posecore.fingerprint import closure
+from tests.book.tools.small_book import EXPERIMENTS, MEASURED, A, copied, due, edit, forget
 
-ROOT = Path(ledgers.__file__).resolve().parents[2]
-CONTENTS = "".join(
-    f'[[page]]\nname = "{name}"\n' for name in ("index", "01_poses", "02_worlds", "03_more")
-)
-MEASURED = """
-import os
-import time
-from posecore.scale import choose
-
-SIZE = choose(tiny=1, book=2, paper=3)
-
-def note(text):
-    if log := os.environ.get("MEASURED_LOG"):
-        with open(log, "a") as file:
-            file.write(text + "\\n")
-        time.sleep(0.1)
-
-def table(seed):
-    note(f"start {seed}")
-    note(f"end {seed}")
-    return {"a": seed / 3 + SIZE, "b": 2 * seed / 3 + 1.5}
-
-def other(seed):
-    return {"a": 1.0, "b": 2.0 + seed, "c": 0.0}
-"""
-EXPERIMENTS = """
-import torch
-from book.tools.claims import Claim
-from folio.experiments.measured import other, table
-
-CLAIMS = [
-    Claim("one", "a is lower", "Table 1", "lower", "a", "b", (1.0, None), "other", "mm"),
-    Claim("two", "a is higher", "Table 2", "higher", "a", "b", (1.0, 2.0), "table"),
-]
-MEASUREMENTS = {"table": (table, range(5)), "other": (other, [0, 1, 2])}
-
-def net():
-    layer = torch.nn.Linear(3, 2)
-    state = dict(layer.state_dict())
-    return {**state, "tied": state["weight"], "turned": state["weight"].T}
-
-def bigger():
-    return {"w": torch.zeros(100)}
-
-CHECKPOINTS = {"net": net, "bigger": bigger}
-"""
-
-
-@pytest.fixture
-def book(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A book named folio, so that it stands beside the real one."""
-    book = tmp_path / "folio"
-    for folder in ("site", "experiments"):
-        (book / folder).mkdir(parents=True)
-    (book / "site" / "contents.toml").write_text(CONTENTS)
-    (book / "experiments" / "measured.py").write_text(MEASURED)
-    (book / "experiments" / "01_poses.py").write_text(EXPERIMENTS)
-    monkeypatch.delenv("POSECORE_SCALE", raising=False)
-    monkeypatch.setattr(fingerprint, "PACKAGES", (*fingerprint.PACKAGES, "folio"))
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    yield book
-    for name in [name for name in sys.modules if name.partition(".")[0] == "folio"]:
-        del sys.modules[name]
+CHAPTER = "ch01_poses"
+PARTS = {"site", "__init__.py", CHAPTER}
+"""What the small book has before anything is measured."""
+FILES = {"__init__.py", "helper.py", "measured.py", "specks.py", "experiments.py"}
 
 
 def declare(book: Path, text: str) -> None:
-    (book / "experiments" / "01_poses.py").write_text(EXPERIMENTS + text)
+    (book / CHAPTER / "experiments.py").write_text(EXPERIMENTS + text)
 
 
-def copied(book: Path, to: Path) -> Path:
-    return shutil.copytree(book, to, ignore=shutil.ignore_patterns("claims", "__pycache__"))
+def made(book: Path) -> set[str]:
+    """The files that measuring and training made."""
+    found = {path.relative_to(book).as_posix() for path in book.rglob("*") if path.is_file()}
+    return {name for name in found if Path(name).suffix in (".json", ".safetensors")}
+
+
+def without_times(path: Path) -> dict:
+    """A ledger but for how long its seeds took."""
+    ledger = json.loads(path.read_bytes())
+    for entry in ledger["measurements"].values():
+        assert sorted(entry.pop("seconds")) == sorted(entry["values"])
+    return ledger
 
 
 # Claims -----------------------------------------------------------------------------------------
 
 
-def test_claims_are_measured_recorded_and_shown(book: Path, capsys: pytest.CaptureFixture) -> None:
-    rows = claims("1", book)
-    path = book / "claims" / "01_poses.json"
+def test_claims_are_measured_recorded_and_shown(folio: Path, capsys: pytest.CaptureFixture) -> None:
+    rows = claims("1", folio)
+    path = folio / CHAPTER / "claims.json"
     assert [row.claim.id for row in rows] == ["one", "two"]
-    assert rows[1].values == {s: {"a": s / 3 + 2, "b": 2 * s / 3 + 1.5} for s in range(5)}
-    assert rows[0].conditions["module"] == "folio.experiments.measured"
+    assert rows[1].values == {seed: due(seed) for seed in range(5)}
+    assert rows[0].conditions["module"] == "folio.ch01_poses.measured"
     assert not any(row.stale for row in rows) and read_ledger(path) == rows
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "01_poses, table: 5 seeds at book scale"
@@ -112,103 +63,92 @@ def test_claims_are_measured_recorded_and_shown(book: Path, capsys: pytest.Captu
     assert "a is lower (Table 1)" in lines
     assert lines[-1] == str(path)
     before = path.read_bytes()
-    assert claims("01_poses", book) == rows  # nothing is measured twice
+    assert claims("01_poses", folio) == rows  # nothing is measured twice
     assert "seed 0:" not in capsys.readouterr().out
     assert path.read_bytes() == before
-    assert [file.name for file in path.parent.iterdir()] == [path.name]
+    assert made(folio) == {"ch01_poses/claims.json"}
 
 
-def test_rows_are_stale_once_what_was_measured_has_changed(book: Path) -> None:
-    claims("1", book)
-    path = book / "claims" / "01_poses.json"
-    declare(book, "# a word\n")  # nothing that was measured stands in this file
-    assert [row.stale for row in read_ledger(path)] == [False, False]
-    (book / "experiments" / "measured.py").write_text(MEASURED + "# a word\n")
-    assert [row.stale for row in read_ledger(path)] == [True, True]
-    assert [row.stale for row in claims("1", book)] == [False, False]
+def test_rows_are_stale_once_what_was_measured_has_changed(folio: Path) -> None:
+    claims("1", folio)
+    path = folio / CHAPTER / "claims.json"
+    declare(folio, "SEEDS = 3\n")  # nothing that was measured stands in this file
+    assert [row.stale for row in read_ledger(path)] == [(), ()]
+    edit(folio / CHAPTER / "measured.py", ("2 * seed", "4 * seed"))
+    forget()
+    assert [row.stale for row in read_ledger(path)] == [(), ("measured.table",)]
+    assert [row.stale for row in claims("1", folio)] == [(), ()]
 
 
 def test_another_scale_is_refused_or_written_elsewhere(
-    book: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    folio: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("POSECORE_SCALE", "tiny")
     for call in (claims, train):
         with pytest.raises(ValueError) as caught:
-            call("1", book)
+            call("1", folio)
         assert (
             str(caught.value) == "POSECORE_SCALE: expected book, or --scale to write elsewhere, "
             "got 'tiny'"
         )
-    assert {path.name for path in book.iterdir()} == {"site", "experiments"}
-    (tiny, *_), (large, *_) = claims("1", book, scale="tiny"), claims("1", book, scale="book")
+    assert {path.name for path in folio.iterdir()} == PARTS
+    (tiny, *_), (large, *_) = claims("1", folio, scale="tiny"), claims("1", folio, scale="book")
     assert (tiny.conditions["scale"], large.conditions["scale"]) == ("tiny", "book")
     assert os.environ["POSECORE_SCALE"] == "tiny"
-    train("1", book, scale="paper")
+    train("1", folio, scale="paper")
     monkeypatch.delenv("POSECORE_SCALE")
-    claims("1", book, scale="tiny")
+    claims("1", folio, scale="tiny")
     assert "POSECORE_SCALE" not in os.environ
-    files = {
-        str(p.relative_to(book)) for p in book.rglob("*") if p.suffix in (".json", ".safetensors")
-    }
-    assert files == {
-        "claims/01_poses.json",
-        "_build/tiny/claims/01_poses.json",
-        "_build/paper/checkpoints/01_poses.net.safetensors",
-        "_build/paper/checkpoints/01_poses.bigger.safetensors",
+    trained = {f"{name}.{end}" for name in ("net", "bigger") for end in ("json", "safetensors")}
+    assert made(folio) == {
+        "ch01_poses/claims.json",
+        "_build/tiny/ch01_poses/claims.json",
+        *(f"_build/paper/ch01_poses/weights/{name}" for name in trained),
     }
 
 
-def test_numbers_chosen_at_the_top_of_the_file_have_the_scale_that_is_recorded(book: Path) -> None:
-    text = EXPERIMENTS.replace("from folio.experiments.measured import other, table", MEASURED)
-    (book / "experiments" / "01_poses.py").write_text(text)
-    assert claims("1", book)[1].values[0]["a"] == 2
-    assert claims("1", book, scale="tiny")[1].values[0]["a"] == 1
-    assert claims("1", book, scale="paper")[1].values[0]["a"] == 3
+def test_numbers_chosen_at_the_top_of_the_file_have_the_scale_that_is_recorded(
+    folio: Path,
+) -> None:
+    line = "from folio.ch01_poses.measured import other, table\n"
+    (folio / CHAPTER / "experiments.py").write_text(EXPERIMENTS.replace(line, MEASURED))
+    for scale, size in (("book", 2), ("tiny", 1), ("paper", 3)):
+        assert claims("1", folio, scale=scale)[1].values[0][A] == 0.125 + size
 
 
 @pytest.mark.parametrize(
-    ("text", "lines"),
+    ("text", "why"),
     [
-        (
-            None,
-            "01_poses: nothing to measure, as there is no experiments/01_poses.py\n"
-            "01_poses: nothing to train, as there is no experiments/01_poses.py\n",
-        ),
-        (
-            "",
-            "01_poses: nothing to measure, as 01_poses.py declares no CLAIMS and no MEASUREMENTS\n"
-            "01_poses: nothing to train, as 01_poses.py declares no CHECKPOINTS\n",
-        ),
-        (
-            "CLAIMS, MEASUREMENTS, CHECKPOINTS = [], {}, {}\n",
-            "01_poses: nothing to measure, as 01_poses.py declares no CLAIMS and no MEASUREMENTS\n"
-            "01_poses: nothing to train, as 01_poses.py declares no CHECKPOINTS\n",
-        ),
+        (None, "there is no ch01_poses/experiments.py"),
+        ("", "experiments.py declares no "),
+        ("CLAIMS, MEASUREMENTS, CHECKPOINTS = [], {}, {}\n", "experiments.py declares no "),
     ],
 )
 def test_a_page_without_experiments_says_so(
-    text: str | None, lines: str, book: Path, capsys: pytest.CaptureFixture
+    text: str | None, why: str, folio: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    file = book / "experiments" / "01_poses.py"
+    file = folio / CHAPTER / "experiments.py"
     file.unlink() if text is None else file.write_text(text)
-    assert claims("1", book) == [] and train("1", book) == []
-    assert capsys.readouterr().out == lines
-    assert {path.name for path in book.iterdir()} <= {"site", "experiments"}
+    assert claims("1", folio) == [] and train("1", folio) == []
+    measure, training = capsys.readouterr().out.splitlines()
+    missing = ("", "") if text is None else ("CLAIMS and no MEASUREMENTS", "CHECKPOINTS")
+    assert measure == f"01_poses: nothing to measure, as {why}{missing[0]}"
+    assert training == f"01_poses: nothing to train, as {why}{missing[1]}"
+    assert {path.name for path in folio.iterdir()} == PARTS and not made(folio)
 
 
 PROGRAM = """
 import json, os, sys
 from pathlib import Path
 from book.tools.measuring import claims
-from posecore import fingerprint
 
-fingerprint.PACKAGES += ("folio",)
 children = []
 for book, log in json.loads(sys.argv[1]):  # one import of torch serves all
     child = os.fork()
     if not child:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # only the parent is listened to
         os.environ["MEASURED_LOG"] = log
+        sys.path.insert(0, str(Path(book).parent))
         claims("1", Path(book))
         os._exit(0)
     children.append(child)
@@ -217,15 +157,16 @@ print("\\n" + json.dumps([os.waitpid(child, 0)[1] for child in children]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills by signal, as POSIX has them")
-def test_killed_and_called_again_it_is_as_if_undisturbed(book: Path, tmp_path: Path) -> None:
-    claims("1", book)
-    ledger = Path("claims") / "01_poses.json"
-    whole = (book / ledger).read_bytes()
+def test_killed_and_called_again_it_is_as_if_undisturbed(folio: Path, tmp_path: Path) -> None:
+    claims("1", folio)
+    ledger = Path(CHAPTER) / "claims.json"
+    whole = without_times(folio / ledger)
     moments = ("start 0", "end 1", "start 3", "end 4")
     runs = []
     for number in range(len(moments)):
-        other = copied(book, tmp_path / str(number) / "folio")
+        other = copied(folio, tmp_path / str(number) / "folio")
         runs.append((other, tmp_path / f"log{number}"))
         runs[-1][1].write_text("")
     command = [sys.executable, "-c", PROGRAM, json.dumps([list(map(str, run)) for run in runs])]
@@ -233,7 +174,7 @@ def test_killed_and_called_again_it_is_as_if_undisturbed(book: Path, tmp_path: P
     program = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
     lines = (line for line in program.stdout if line.startswith("["))
     waiting = list(zip(json.loads(next(lines)), runs, moments, strict=True))
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 60
     try:
         while waiting and time.monotonic() < deadline:
             for child, run, moment in list(waiting):
@@ -246,66 +187,78 @@ def test_killed_and_called_again_it_is_as_if_undisturbed(book: Path, tmp_path: P
         for child, *_ in waiting:
             os.kill(child, signal.SIGKILL)
         statuses = json.loads(next(lines))
-        program.communicate(timeout=30)
+        program.communicate(timeout=60)
     assert statuses == [signal.SIGKILL] * len(runs)
     for other, log in runs:
-        assert not (other / ledger).exists() or (other / ledger).read_bytes() != whole
+        kept = json.loads((other / ledger).read_bytes()) if (other / ledger).exists() else {}
+        assert not kept.get("claims")  # they are recorded last
         log.write_text("")
-    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
     assert result.stdout.rstrip().endswith("[0, 0, 0, 0]"), result.stderr
     for (other, log), moment in zip(runs, moments, strict=True):
         again = [int(line[-1]) for line in log.read_text().splitlines() if "start" in line]
         # All that was finished stays; at most the seed in hand is measured again.
         assert again == list(range(int(moment[-1]), 5)), moment
-        assert (other / ledger).read_bytes() == whole
+        assert without_times(other / ledger) == whole
 
 
 # Checkpoints ------------------------------------------------------------------------------------
 
 
 def test_checkpoints_hold_what_was_trained_and_how(
-    book: Path, capsys: pytest.CaptureFixture
+    folio: Path, capsys: pytest.CaptureFixture
 ) -> None:
     state = torch.get_rng_state()
-    net, bigger = train("1", book)
+    net, bigger = train("1", folio)
     assert torch.equal(torch.get_rng_state(), state)
-    assert net == book / "checkpoints" / "01_poses.net.safetensors"
-    torch.manual_seed(ledgers.SEED)
+    assert net == folio / CHAPTER / "weights" / "net.safetensors"
+    torch.manual_seed(measuring.SEED)
     layer = torch.nn.Linear(3, 2)
     found = load_file(net)
     assert set(found) == {"weight", "bias", "tied", "turned"}
     assert torch.equal(found["weight"], layer.weight) and torch.equal(found["bias"], layer.bias)
     assert torch.equal(found["tied"], layer.weight) and torch.equal(found["turned"], layer.weight.T)
-    with safe_open(net, "pt") as file:
-        assert json.loads(file.metadata()["posecore"]) == {
-            "code": fingerprint.code_hash("folio.experiments.01_poses"),
-            "key": "net",
-            "page": "01_poses",
-            "scale": "book",
-            "seed": 0,
-        }
+    text = net.with_suffix(".json").read_text()
+    about = json.loads(text)
+    assert text == json.dumps(about, indent=1, sort_keys=True) + "\n"
+    code = closure("folio.ch01_poses.experiments:bigger", without=("book.tools",))
+    other = json.loads(bigger.with_suffix(".json").read_bytes())
+    assert other["numbers"] == code.numbers("book") != code.numbers("tiny")
+    assert other["definitions"] == code.text
+    assert 0 <= about.pop("seconds")["0"] < 5
+    assert about.pop("definitions").startswith("net:") and about.pop("numbers")
+    assert about == {
+        "module": "folio.ch01_poses.experiments",
+        "function": "net",
+        "data": {},
+        "digest": weights.digest(found),
+        "scale": "book",
+        "seed": 0,
+    }
     first, second = capsys.readouterr().out.splitlines()
     assert first.startswith("01_poses, net: ") and first.endswith(f"0.00 MB at {net}")
     assert second.endswith(str(bigger))
-    assert {path.name for path in net.parent.iterdir()} == {net.name, bigger.name}
+    names = {f"{path.stem}.{end}" for path in (net, bigger) for end in ("json", "safetensors")}
+    assert {path.name for path in net.parent.iterdir()} == names
 
 
-def test_the_same_training_gives_the_same_bytes_in_another_process(book: Path) -> None:
-    here = [path.read_bytes() for path in train("1", book)]
+@pytest.mark.slow
+def test_the_same_training_gives_the_same_bytes_in_another_process(folio: Path) -> None:
+    here = [path.read_bytes() for path in train("1", folio)]
     program = (
-        "import sys; from pathlib import Path; from posecore import fingerprint as f;"
-        "f.PACKAGES += ('folio',); from book.tools.measuring import train;"
-        "train('1', Path(sys.argv[1]))"
+        "import sys; from pathlib import Path; folder = Path(sys.argv[1]);"
+        "sys.path.insert(0, str(folder.parent));"
+        "from book.tools.measuring import train; train('1', folder)"
     )
-    for path in (book / "checkpoints").iterdir():
+    for path in (folio / CHAPTER / "weights").iterdir():
         path.unlink()
     subprocess.run(
-        [sys.executable, "-c", program, str(book)],
+        [sys.executable, "-c", program, str(folio)],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         check=True,
         capture_output=True,
     )
-    paths = [book / "checkpoints" / f"01_poses.{key}.safetensors" for key in ("net", "bigger")]
+    paths = [folio / CHAPTER / "weights" / f"{key}.safetensors" for key in ("net", "bigger")]
     assert [path.read_bytes() for path in paths] == here
 
 
@@ -322,34 +275,37 @@ def test_the_same_training_gives_the_same_bytes_in_another_process(book: Path) -
         ("None", "CHECKPOINTS['net']: expected a dict of tensors, got None"),
     ],
 )
-def test_unfit_weights_are_refused_and_the_old_stay(result: str, message: str, book: Path) -> None:
-    files = train("1", book)
+def test_unfit_weights_are_refused_and_the_old_stay(result: str, message: str, folio: Path) -> None:
+    files = train("1", folio)
+    files += [file.with_suffix(".json") for file in files]
     before = [file.read_bytes() for file in files]
-    declare(book, f"def net():\n    return {result}\nCHECKPOINTS = {{'net': net}}\n")
+    declare(folio, f"def net():\n    return {result}\nCHECKPOINTS = {{'net': Training(net)}}\n")
     with pytest.raises(ValueError) as caught:
-        train("1", book)
+        train("1", folio)
     assert str(caught.value) == message
     assert [file.read_bytes() for file in files] == before
-    assert len(list(files[0].parent.iterdir())) == 2
+    assert len(list(files[0].parent.iterdir())) == 4
 
 
 @pytest.mark.parametrize("shape", [(), (0,), (3, 4)])
-@pytest.mark.parametrize("dtype", [torch.float64, torch.bfloat16, torch.int64, torch.bool])
-def test_every_kind_of_weight_comes_back(shape: tuple, dtype: torch.dtype, book: Path) -> None:
+@pytest.mark.parametrize(
+    "dtype", [torch.float64, torch.float16, torch.bfloat16, torch.int64, torch.bool]
+)
+def test_every_kind_of_weight_comes_back(shape: tuple, dtype: torch.dtype, folio: Path) -> None:
     declare(
-        book,
+        folio,
         f"def net():\n    return {{'w': torch.ones({shape}, dtype={dtype})}}\n"
-        "CHECKPOINTS = {'net': net}\n",
+        "CHECKPOINTS = {'net': Training(net)}\n",
     )
-    (path,) = train("1", book)
+    (path,) = train("1", folio)
     assert torch.equal(load_file(path)["w"], torch.ones(shape, dtype=dtype))
     assert load_file(path)["w"].dtype == dtype
 
 
 def test_a_disk_that_refuses_or_forgets_is_told_of(
-    book: Path, monkeypatch: pytest.MonkeyPatch
+    folio: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    files = train("1", book)
+    files = train("1", folio)
     before = files[0].read_bytes()
 
     def full(*names: object) -> None:
@@ -358,11 +314,50 @@ def test_a_disk_that_refuses_or_forgets_is_told_of(
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", full)
         with pytest.raises(OSError, match="No space"):
-            train("1", book)
-    assert files[0].read_bytes() == before and len(list(files[0].parent.iterdir())) == 2
-    monkeypatch.setattr(ledgers, "write_bytes", lambda path, data: path.write_bytes(data[:-1]))
-    with pytest.raises(OSError, match=r"01_poses\.net\.safetensors: does not read back"):
-        train("1", book)
+            train("1", folio)
+    assert files[0].read_bytes() == before and len(list(files[0].parent.iterdir())) == 4
+    monkeypatch.setattr(measuring, "write_bytes", lambda path, data: path.write_bytes(data[:-1]))
+    with pytest.raises(OSError, match=r"net\.safetensors: does not read back"):
+        train("1", folio)
+
+
+@settings(max_examples=20)
+@given(st.lists(st.floats(-1e6, 1e6, width=32), min_size=1, max_size=5))
+def test_weights_are_packed_to_the_last_bit(values: list[float]) -> None:
+    data = measuring._packed("net", {"w": torch.tensor(values)})
+    assert torch.equal(measuring.safetensors.torch.load(data)["w"], torch.tensor(values))
+    assert data == measuring._packed("net", {"w": torch.tensor(values)})
+
+
+# What is stale ----------------------------------------------------------------------------------
+
+
+def test_the_status_says_what_is_stale_and_how_long_it_takes(folio: Path) -> None:
+    page, ledger = find_page("1", folio), folio / CHAPTER / "claims.json"
+    assert status(page, folio) == ["01_poses: nothing is stale"]  # nor measured
+    claims("1", folio)
+    train("1", folio)
+    assert status(page, folio) == ["01_poses: nothing is stale"]
+    assert list(stale_results(page, folio)) == []
+    content = json.loads(ledger.read_bytes())
+    content["measurements"]["table"]["seconds"] = {"0": 100.0, "1": 30.5}
+    del content["measurements"]["other"]["seconds"]
+    ledger.write_text(json.dumps(content))
+    edit(folio / CHAPTER / "measured.py", ("2 * seed", "4 * seed"), ("2.0 + seed", "3.0 + seed"))
+    edit(folio / CHAPTER / "experiments.py", ("book=100", "book=101"))
+    forget()
+    assert list(stale_results(page, folio)) == [
+        ("other", ("measured.other",)),
+        ("table", ("measured.table",)),
+        ("weights/bigger.safetensors", ("experiments.bigger",)),
+    ]
+    assert status(page, folio) == [
+        "01_poses, other: stale: measured.other; made anew in a time not kept",
+        "01_poses, table: stale: measured.table; made anew in 3 min",
+        "01_poses, weights/bigger.safetensors: stale: experiments.bigger; made anew in 1 min",
+    ]
+    assert measuring.shown(["a", "b", "c"]) == "a, b, c"
+    assert measuring.shown(list("abcde")) == "a, b, c and 2 more"
 
 
 # What is refused --------------------------------------------------------------------------------
@@ -376,22 +371,27 @@ def test_a_disk_that_refuses_or_forgets_is_told_of(
         ("MEASUREMENTS = [1]", "MEASUREMENTS: expected a dict, got list"),
         (
             "MEASUREMENTS = {'table': table}",
-            "MEASUREMENTS['table']: expected (function, seeds), got <function",
-        ),
-        (
-            "MEASUREMENTS = {'table': (table, 3)}",
-            "MEASUREMENTS['table']: expected (function, seeds), got (<function",
-        ),
-        (
-            "MEASUREMENTS = {'table': (3, range(3))}",
-            "MEASUREMENTS['table']: expected (function, seeds), got (3, ",
+            "MEASUREMENTS['table']: expected a Measurement of a function, got <function",
         ),
         (
             "MEASUREMENTS = {'table': (table, range(3))}",
+            "MEASUREMENTS['table']: expected a Measurement of a function, got (<function",
+        ),
+        (
+            "MEASUREMENTS = {'table': Measurement(3, range(3))}",
+            "MEASUREMENTS['table'].function: expected a plain function, got int",
+        ),
+        (
+            "MEASUREMENTS = {'table': Measurement(lambda seed: table(seed), range(3))}",
+            "MEASUREMENTS['table'].function: expected a function at the top level of a module, "
+            "got <lambda> of folio.ch01_poses.experiments",
+        ),
+        (
+            "MEASUREMENTS = {'table': Measurement(table, range(3))}",
             "CLAIMS: expected a measurement of ['table'] for 'one', got 'other'",
         ),
         (
-            "MEASUREMENTS = {'other': (other, [0, 1])}; CLAIMS = []",
+            "MEASUREMENTS = {'other': Measurement(other, [0, 1])}; CLAIMS = []",
             "seeds: expected at least 3, each once, got [0, 1]",
         ),
         (
@@ -400,74 +400,71 @@ def test_a_disk_that_refuses_or_forgets_is_told_of(
         ),
         ("CHECKPOINTS = [1]", "CHECKPOINTS: expected a dict, got list"),
         (
-            "CHECKPOINTS = {'../net': net}",
+            "CHECKPOINTS = {'../net': Training(net)}",
             "CHECKPOINTS: expected names of small letters, digits and _, got '../net'",
         ),
-        ("CHECKPOINTS = {'net': 3}", "CHECKPOINTS['net']: expected a function, got 3"),
+        ("CHECKPOINTS = {'net': net}", "CHECKPOINTS['net']: expected a Training of a function"),
+        (
+            "CHECKPOINTS = {'net': Training(3)}",
+            "CHECKPOINTS['net'].function: expected a plain function, got int",
+        ),
     ],
 )
 def test_declarations_are_refused_before_anything_is_measured(
-    text: str, message: str, book: Path
+    text: str, message: str, folio: Path
 ) -> None:
-    declare(book, text + "\n")
+    declare(folio, text + "\n")
     with pytest.raises(ValueError) as caught:
-        (train if "CHECKPOINTS" in text else claims)("1", book)
+        (train if "CHECKPOINTS" in text else claims)("1", folio)
     assert str(caught.value).startswith(message)
-    assert {path.name for path in book.iterdir()} == {"site", "experiments"}
+    assert {path.name for path in folio.iterdir()} == PARTS and not made(folio)
 
 
 @pytest.mark.parametrize("call", [claims, train])
-def test_pages_and_scales_that_are_not_there(call, book: Path) -> None:
+def test_pages_and_scales_that_are_not_there(call, folio: Path) -> None:
     with pytest.raises(ValueError, match=r"page: expected one of index, 01_poses, .*, got '7'"):
-        call("7", book)
+        call("7", folio)
     with pytest.raises(ValueError, match="scale: expected one of 'tiny', 'book', 'paper', got 'x'"):
-        call("1", book, scale="x")
+        call("1", folio, scale="x")
 
 
-def test_a_book_that_hides_behind_another_is_refused(book: Path, tmp_path: Path) -> None:
-    claims("1", book)
-    second = copied(book, tmp_path / "other" / "folio")
-    sys.path.append(str(second.parent))
+def test_a_book_that_hides_behind_another_is_refused(folio: Path, tmp_path: Path) -> None:
+    claims("1", folio)
+    second = copied(folio, tmp_path / "other" / "folio")
     with pytest.raises(
-        ValueError, match="book: expected a folder whose folio.experiments.01_poses"
+        ValueError, match="book: expected a folder whose folio.ch01_poses.experiments"
     ):
         claims("1", second)
 
 
-def test_errors_of_a_measured_function_come_through(book: Path) -> None:
+def test_errors_of_a_measured_function_come_through(folio: Path) -> None:
     declare(
-        book,
+        folio,
         "def breaks(seed):\n    if seed == 2: raise RuntimeError('no luck')\n"
-        "    return {'a': 1.0, 'b': 2.0}\n"
-        "MEASUREMENTS = {'table': (breaks, range(3)), 'other': (other, range(3))}\n",
+        "    return {Key('a'): 1.0, Key('b'): 2.0}\n"
+        "MEASUREMENTS = {'table': Measurement(breaks, range(3)),"
+        " 'other': Measurement(other, range(3))}\n",
     )
     with pytest.raises(RuntimeError, match="no luck"):
-        claims("1", book)
-    kept = json.loads((book / "claims" / "01_poses.json").read_bytes())
+        claims("1", folio)
+    kept = json.loads((folio / CHAPTER / "claims.json").read_bytes())
     assert list(kept["unfinished"]["table"]["values"]) == ["0", "1"]
     assert "POSECORE_SCALE" not in os.environ
 
 
-@settings(max_examples=20)
-@given(st.lists(st.floats(-1e6, 1e6, width=32), min_size=1, max_size=5))
-def test_weights_are_packed_to_the_last_bit(values: list[float]) -> None:
-    data = ledgers._packed("net", {"w": torch.tensor(values)}, {"a": 1})
-    assert torch.equal(ledgers.safetensors.torch.load(data)["w"], torch.tensor(values))
-    assert data == ledgers._packed("net", {"w": torch.tensor(values)}, {"a": 1})
+# All ledgers ------------------------------------------------------------------------------------
 
 
-# All ledgers -------------------------------------------------------------------------------------
-
-
-def test_the_rows_of_all_pages_in_the_order_of_the_contents(book: Path) -> None:
-    assert all_rows(book) == {}
+def test_the_rows_of_all_pages_in_the_order_of_the_contents(folio: Path) -> None:
+    assert all_rows(folio) == {}
     for name in ("03_more", "02_worlds"):
-        (book / "experiments" / f"{name}.py").write_text(EXPERIMENTS)
-        claims(name, book)
-    rows = all_rows(book)
+        (folio / f"ch{name}").mkdir()
+        (folio / f"ch{name}" / "experiments.py").write_text(EXPERIMENTS)
+        claims(name, folio)
+    rows = all_rows(folio)
     assert list(rows) == ["02_worlds", "03_more"]
     assert [row.claim.id for row in rows["03_more"]] == ["one", "two"]
 
 
 def test_the_book_itself_has_no_damaged_and_no_stray_ledger() -> None:
-    assert isinstance(all_rows(), dict)
+    assert all(rows for rows in all_rows().values())
