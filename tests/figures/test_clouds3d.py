@@ -4,13 +4,15 @@ import matplotlib
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from posecore import figures
 from posecore.figures.clouds3d import AZIMUTH, ELEVATION
 from posecore.figures.scene import directions
+
+A_FEW = settings(max_examples=15)  # each draws a figure
 
 CLOUD = arrays(
     np.float64, st.tuples(st.integers(1, 6), st.just(3)), elements=st.integers(-9, 9).map(float)
@@ -27,6 +29,7 @@ def _shown(panel):
 
 
 @given(CLOUD, st.sampled_from(["z", "-y"]), st.sampled_from([("m", 1), ("cm", 100), ("mm", 1000)]))
+@A_FEW
 def test_panels_show_the_coordinates_they_name(points, up, unit):
     figure = figures.point_clouds(
         {"a": torch.from_numpy(points)}, up=up, unit=unit[0], views=("front", "side", "top")
@@ -53,6 +56,7 @@ def test_y_runs_down_in_the_view_of_a_camera():
 
 
 @given(CLOUD)
+@A_FEW
 def test_all_panels_have_one_scale_and_hold_all_points(points):
     figure = figures.point_clouds({"a": points})
     widths = [np.ptp(panel.get_xlim()) for panel in figure.axes]
@@ -90,6 +94,7 @@ def test_the_oblique_view_is_seen_from_before_and_above():
 
 
 @given(st.floats(1e-3, 1e3))
+@A_FEW
 def test_the_bar_is_as_long_as_it_says(scale):
     cloud = {"a": [[0, 0, 0], [scale, scale / 3, 0]]}
     panel = figures.point_clouds(cloud, views=("oblique",), unit="cm").axes[0]

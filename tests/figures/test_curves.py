@@ -3,16 +3,19 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from posecore import figures, metrics
 
+A_FEW = settings(max_examples=15)  # each draws a figure
+
 ERRORS = arrays(np.float64, st.integers(1, 20), elements=st.floats(0, 0.2))
 
 
 @given(ERRORS)
+@A_FEW
 def test_the_curve_is_the_accuracy(errors):
     axes = figures.accuracy_curves({"ours": errors}).axes[0]
     x, y = axes.lines[0].get_data()
@@ -74,6 +77,7 @@ def _outlines(axes):
 
 
 @given(ERRORS, ERRORS, st.integers(1, 12), st.booleans())
+@A_FEW
 def test_every_finite_error_is_counted_once(one, two, bins, log):
     if log and not max(one.max(), two.max()) > 1e-300:
         return

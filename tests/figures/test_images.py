@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from posecore import cameras, figures, poses, rotations
+
+A_FEW = settings(max_examples=15)  # each draws a figure
 
 K = np.array([[120.0, 0, 40], [0, 110.0, 30], [0, 0, 1]])
 IMAGE = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
@@ -18,6 +20,7 @@ SIZE = np.array([0.1, 0.2, 0.3])
 
 
 @given(arrays(np.uint8, st.tuples(st.integers(1, 5), st.integers(1, 5), st.just(3))))
+@A_FEW
 def test_colours_are_shown_as_they_are(image):
     for given_ in (image, torch.from_numpy(image), (image / 255.0).astype(np.float32)):
         shown = figures.picture(given_).axes[0].images[0].get_array()
@@ -58,6 +61,7 @@ def test_a_colour_bar_names_its_unit():
 
 
 @given(st.integers(1, 7), st.one_of(st.none(), st.integers(1, 4)))
+@A_FEW
 def test_a_grid_holds_its_images_in_order(count, columns):
     images = [np.full((2, 3), number, np.uint8) for number in range(count)]
     titles = [f"image {number}" for number in range(count)]
@@ -114,6 +118,7 @@ def test_a_grid_has_one_scale():
 
 
 @given(arrays(np.float64, array_shapes(min_dims=0, max_dims=1, max_side=4)))
+@A_FEW
 def test_every_pose_has_its_axes(batch):
     many = np.broadcast_to(R[0], (*batch.shape, 3, 3))
     t = np.broadcast_to(T[0], (*batch.shape, 3))

@@ -3,7 +3,7 @@
 import nbformat
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from nbclient import NotebookClient
 
@@ -11,10 +11,13 @@ from posecore.figures import live
 from posecore.figures.live import Display, training_curves
 from posecore.training import History
 
+A_FEW = settings(max_examples=15)  # each draws a figure
+
 VALUES = st.lists(st.floats(0.125, 8, width=32), min_size=1, max_size=200)
 
 
 @given(VALUES)
+@A_FEW
 def test_short_curves_show_every_step(values):
     axes = training_curves({"loss": values}).axes[0]
     x, y = axes.lines[0].get_data()
@@ -25,6 +28,7 @@ def test_short_curves_show_every_step(values):
 
 
 @given(st.integers(201, 5000))
+@A_FEW
 def test_long_curves_show_means_within_a_band(count):
     values = np.random.default_rng(count).normal(size=count)
     axes = training_curves({"loss": values}).axes[0]

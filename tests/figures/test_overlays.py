@@ -6,13 +6,15 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from PIL import Image
 
 from posecore import cameras, figures, metrics, poses, rotations
 from posecore.figures.overlays import BOX_EDGES, box_edges
+
+A_FEW = settings(max_examples=15)  # each draws a figure
 
 K = np.array([[120.0, 0, 40], [0, 110.0, 30], [0, 0, 1]])
 R = rotations.axis_angle_to_matrix([0.3, -0.5, 0.2])
@@ -30,6 +32,7 @@ def _lines(axes, name):
 
 
 @given(SEEDS, st.floats(0.01, 0.2))
+@A_FEW
 def test_axes_are_where_the_camera_sees_them(seed, length):
     rng = np.random.default_rng(seed)
     R = rotations.axis_angle_to_matrix(rng.normal(size=3))
@@ -56,6 +59,7 @@ def _is_hidden(corners, edge):
 
 
 @given(SEEDS)
+@A_FEW
 def test_a_box_is_where_the_camera_sees_it_and_dashed_where_hidden(seed):
     rng = np.random.default_rng(seed)
     R = rotations.axis_angle_to_matrix(rng.normal(size=3))
@@ -121,6 +125,7 @@ def test_a_matrix_that_is_not_quite_a_rotation_is_drawn_as_it_is():
 
 
 @given(arrays(np.float64, st.tuples(st.integers(1, 9), st.just(2)), elements=st.floats(0, 50)))
+@A_FEW
 def test_keypoints_are_where_they_are(pixels):
     axes = _axes()
     figures.draw_keypoints(axes, torch.from_numpy(pixels), label="found", numbers=True)
@@ -138,6 +143,7 @@ def test_crosses_can_be_keypoints():
 
 
 @given(arrays(bool, array_shapes(min_dims=2, max_dims=2, max_side=9)))
+@A_FEW
 def test_an_outline_is_the_border_of_the_mask(mask):
     axes = _axes()
     figures.draw_outline(axes, mask)

@@ -81,6 +81,7 @@ def _clouds():
     return figures.point_clouds({"a": np.eye(3)}, axes=(np.eye(3), np.zeros(3)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [_grid, _clouds])
 def test_shown_twice_it_is_the_same_file(make):
     """Laying out a figure used to move its axes a little every time."""
@@ -92,6 +93,7 @@ def test_shown_twice_it_is_the_same_file(make):
     assert figure.png() != first
 
 
+@pytest.mark.slow
 def test_a_style_of_the_reader_does_not_change_figures():
     make = {
         "curves": lambda: figures.accuracy_curves({"a": [0.01]}),

@@ -40,6 +40,7 @@ def _positions(part, payload):
     return np.array(payload["low"]) + stored * payload["resolution"]
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(CLOUD, st.sampled_from(["z", "-y"]))
 def test_the_page_holds_the_points_to_its_resolution(points, up):

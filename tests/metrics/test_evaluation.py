@@ -156,6 +156,7 @@ def test_images_that_are_not_evaluated_do_not_count():
     assert 8 not in errors
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 def test_what_looks_right_is_right(seed):
     """Estimates that differ from the truth by a symmetry, about an axis off the origin."""
@@ -199,6 +200,7 @@ def test_a_subset_of_the_objects_gets_the_same_errors(seed):
         np.testing.assert_array_equal(values, both[8].errors[name])
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 def test_the_place_of_the_camera_does_not_matter(seed):
     """Poses seen from elsewhere have the same errors on the object."""

@@ -123,6 +123,7 @@ def test_what_others_keep_in_the_folder_stays(tmp_path):
     assert not any(name.endswith(".tmp") for name in names)
 
 
+@pytest.mark.slow
 def test_a_warning_points_at_fit(tmp_path):
     def loss(net, batch):
         return net(batch).sum()

@@ -97,6 +97,7 @@ def test_signs_of_head_angles(angles, gaze):
         assert (R @ [1, 0, 0])[1] > 0  # roll: clockwise, what is right goes down
 
 
+@pytest.mark.slow
 @given(st.text(max_size=8).filter(lambda name: name not in GLASSES))
 def test_other_names(name):
     with pytest.raises(ValueError, match="^name:"):

@@ -28,6 +28,7 @@ def inside(vertices, faces, points):
     return np.arctan2(top, low).sum(-1) / (2 * np.pi) > 0.5
 
 
+@pytest.mark.slow
 def test_the_frame_is_that_of_the_glasses():
     """y is down and z runs to the back: nose in front of the origin, hair above, chin below."""
     for seed in SEEDS:

@@ -92,6 +92,7 @@ def test_an_axis_of_revolution_allows_every_turn():
     assert np.quantile(colour, 0.98) < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("object_id", [1, 2, 4, 5, 6, 7, 8])
 def test_nothing_else_is_symmetric(object_id):
     stated = make(object_id).symmetries

@@ -68,6 +68,7 @@ def test_it_learns_to_a_few_degrees(codec: RotationCodec) -> None:
     assert torch.rad2deg(geodesic_distance(codec(SIGNED), SIGNED)).max() < 9
 
 
+@pytest.mark.slow
 def test_training_reports_a_falling_loss() -> None:
     reports: list[tuple[int, float]] = []
     train_codec(seed=1, steps=60, batch=64, report=lambda *values: reports.append(values))
