@@ -65,6 +65,7 @@ CLAIMS = [
 ]
 CHECKPOINTS = {"net": Training(net), "eyes": Training(eyes, data=("specks/train",))}
 '''
+pytestmark = pytest.mark.slow  # every test makes a world and looks at all definitions again
 NAMES = ("sized", "seen", "clock", "net.safetensors", "eyes.safetensors")
 CHAPTER = "ch01_poses"
 FRESH = dict.fromkeys(NAMES, "fresh")

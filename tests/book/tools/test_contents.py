@@ -2,7 +2,7 @@ import re
 
 import pytest
 
-from book.tools.contents import BOOK, ROOT, Page, find_page, notebooks, pages
+from book.tools.contents import BOOK, ROOT, Page, find_page, notebooks, notebooks_of, pages
 
 TABLE = """
 [[page]]
@@ -66,7 +66,18 @@ def test_a_table_that_is_none_is_told_of(text, message, book):
 
 def test_exercises_and_solutions_are_notebooks_too(book):
     names = [path.relative_to(book).as_posix() for path in notebooks(book)]
-    assert names == ["index.py", "01_a.py", "solutions/01_a.py", "exercises/01_a.py", "10_b.py"]
+    assert names == [
+        *("index.ipynb", "01_a.ipynb", "solutions/01_a.ipynb", "exercises/01_a.ipynb"),
+        "10_b.ipynb",
+    ]
+    assert notebooks_of(Page("10_b"), book) == (book / "10_b.ipynb",)
+
+
+def test_what_belongs_to_a_page_is_a_package(book):
+    assert [page.package for page in pages(book)] == ["ch00_index", "ch01_a", "ch10_b"]
+    assert all(package.isidentifier() for package in (page.package for page in pages()))
+    there = {path.name for path in BOOK.glob("ch[0-9][0-9]_*")}
+    assert there <= {page.package for page in pages()}
 
 
 def test_the_real_book_lies_in_the_project():
