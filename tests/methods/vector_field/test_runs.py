@@ -39,6 +39,24 @@ def test_a_run_holds_all_that_its_models_need(run, source):
         assert all(torch.equal(value, kept[key]) for key, value in model.state_dict().items())
 
 
+def test_run_folders_keep_their_form(tmp_path):
+    """What was trained before has to stay readable."""
+    points = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]]
+    model = {"object_id": 3, "points": 50 * points, "keypoints": points, "diameter": 0.2}
+    content = {
+        "method": "vector_field",
+        "options": {"data": "tabletop", "objects": [3], "scale": "tiny", "weight": 0.05, "seed": 0},
+        "width": 8, "most": None, "refiner_width": 4,
+        "models": [model | {"symmetries": None}],
+    }  # fmt: skip
+    (tmp_path / "run.json").write_text(json.dumps(content))
+    found = read_run(tmp_path)
+    assert (found.object_ids, found.new_net().keypoints) == ([3], 4)
+    assert found.options == content["options"]
+    found.write()
+    assert (tmp_path / "run.json").read_text() == json.dumps(content)
+
+
 def cut(path):
     path.write_bytes(path.read_bytes()[:-9])
 
