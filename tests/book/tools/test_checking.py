@@ -4,10 +4,11 @@ import re
 import pytest
 from nbformat.v4 import new_output
 
-from book.tools.checking import LARGEST_NOTEBOOK, problems
-from book.tools.contents import Page
-from book.tools.execution import inputs_digest
+from book.tools.checking import LARGEST_NOTEBOOK, problems, stale
+from book.tools.contents import Page, find_page, pages
 from book.tools.exercises import generate
+from book.tools.inputs import inputs
+from book.tools.measuring import claims, train
 from book.tools.notebooks import (
     HEADER,
     code_digest,
@@ -16,6 +17,8 @@ from book.tools.notebooks import (
     write_notebook,
 )
 from book.tools.pairs import pair
+from tests.book.tools.small_book import edit as edit_text
+from tests.book.tools.small_book import forget
 
 CONTENTS = """
 [[page]]
@@ -43,6 +46,18 @@ print(x)
 # %%
 assert x == 1
 """
+DRAWING = '''
+COLOUR = "red"
+
+
+def curve():
+    """A curve."""
+    return COLOUR
+
+
+def other():
+    return 2
+'''
 SOLUTION = '''
 # %% [markdown]
 # # Exercise
@@ -66,7 +81,7 @@ def execute_by_hand(path, outputs=(), scale="book"):
         code[1].outputs = list(outputs) or [new_output("stream", name="stdout", text="1\n")]
     nb.metadata["posecore"] = {
         "code": code_digest(nb),
-        "inputs": inputs_digest(path),
+        "inputs": inputs(nb, find_page(path.stem, path.parent), path.parent),
         "outputs": outputs_digest(nb),
         "scale": scale,
     }
@@ -74,20 +89,25 @@ def execute_by_hand(path, outputs=(), scale="book"):
 
 
 @pytest.fixture
-def book(tmp_path):
+def book(tmp_path, monkeypatch):
     """A book that is fit to be committed."""
-    for part in ("site", "solutions", "exercises", "drawing", "my_work"):
-        (tmp_path / part).mkdir()
-    (tmp_path / "site" / "contents.toml").write_text(CONTENTS)
+    monkeypatch.syspath_prepend(tmp_path)
+    book = tmp_path / "folio"
+    for part in ("site", "solutions", "exercises", "ch01_a", "ch00_index", "my_work"):
+        (book / part).mkdir(parents=True)
+    (book / "site" / "contents.toml").write_text(CONTENTS)
+    for name in ("__init__", "ch01_a/__init__", "make", "conftest"):
+        (book / f"{name}.py").write_text("")
+    (book / "ch01_a" / "drawing.py").write_text(DRAWING)
     for name, text in (("index", INDEX), ("01_a", CHAPTER), ("solutions/01_a", SOLUTION)):
-        (tmp_path / f"{name}.py").write_text(HEADER + text, encoding="utf-8")
-        pair(tmp_path / f"{name}.py")
+        (book / f"{name}.py").write_text(HEADER + text, encoding="utf-8")
+        pair(book / f"{name}.py")
     for name in ("index", "01_a"):
-        execute_by_hand(tmp_path / f"{name}.ipynb")
-    generate(Page("01_a", True), tmp_path)
-    (tmp_path / "make.py").write_text("")
-    (tmp_path / "my_work" / "01_a.ipynb").write_text("a student's, whatever it holds")
-    return tmp_path
+        execute_by_hand(book / f"{name}.ipynb")
+    generate(Page("01_a", True), book)
+    (book / "my_work" / "01_a.ipynb").write_text("a student's, whatever it holds")
+    yield book
+    forget()
 
 
 def change(path, old, new):
@@ -110,13 +130,21 @@ def edit(path, function):
     path.write_text(json.dumps(nb, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def test_a_fit_book_has_no_problems(book):
-    assert problems(book) == []
-    assert problems(book, [Page("01_a", True)]) == []
+def test_a_fit_book_has_no_problems_and_nothing_stale(book):
+    for only in (None, [Page("01_a", True)]):
+        assert problems(book, only) == [] == stale(book, only)
 
 
 def test_the_book_is_fit():
     assert problems() == []
+
+
+@pytest.mark.slow
+def test_what_is_stale_of_the_book_is_said():
+    """To be measured, confirmed or executed; what is stale fails `make.py check --strict` alone."""
+    names = {page.name for page in pages()}
+    for line in stale():
+        assert ": stale: " in line and line.partition(",")[0] in names
 
 
 def wrong_output(nb):
@@ -176,9 +204,74 @@ def test_outputs_of_other_code(book):
     assert not any("differ" in line for line in found)
 
 
-def test_outputs_of_other_drawings(book):
-    (book / "drawing" / "01_a.py").write_text("colour = 'blue'\n")
-    assert problems(book) == ["01_a: outputs of other drawings or claims; run make.py execute"]
+# What is stale ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "old, new, found",
+    [
+        ("return COLOUR", "return COLOUR * 2", ["01_a, the page: stale: drawing.curve"]),
+        ('"red"', '"blue"', ["01_a, the page: stale: drawing.COLOUR"]),
+        ("return 2", "return 3", []),  # a drawing that the page does not call
+        ('"""A curve."""', '"""A red curve."""', []),
+        ("return COLOUR", "return COLOUR  # again", []),
+    ],
+)
+def test_a_drawing_that_is_shown_makes_the_page_stale(old, new, found, book):
+    """Which is told of, and no reason not to commit."""
+    change_code(book, "x = 1", "from folio.ch01_a import drawing\n\nx = drawing.curve()")
+    assert problems(book) == [] == stale(book)
+    change(book / "ch01_a" / "drawing.py", old, new)
+    assert stale(book) == stale(book, [Page("01_a", True)]) == found
+    assert problems(book) == [] == stale(book, [Page("index")])
+
+
+def test_results_that_are_stale_are_named_with_what_has_changed(folio):
+    claims("1", folio)
+    train("1", folio)
+    assert stale(folio) == []
+    measured = folio / "ch01_poses" / "measured.py"
+    edit_text(measured, ("2 * seed", "4 * seed"), ("book=2", "book=5"), ("start {", "begun {"))
+    edit_text(folio / "ch01_poses" / "helper.py", ("0.125", "0.25"))
+    edit_text(folio / "ch01_poses" / "experiments.py", ("Linear(3, 2)", "Linear(3, 3)"))
+    forget()
+    assert stale(folio) == [
+        "01_poses, table: stale: helper.OFFSET, measured.SIZE, measured.table",
+        "01_poses, weights/net.safetensors: stale: experiments.net",
+    ]
+    edit_text(measured, ("def note(text):", "def note(text):\n    time.time()"))
+    assert stale(folio)[0].endswith("measured.SIZE, measured.note and 1 more")
+    assert stale(folio, [Page("02_worlds")]) == []
+
+
+@pytest.mark.parametrize("inputs", ["16 digits", {}])
+def test_a_page_of_before_is_stale(inputs, book):
+    edit(book / "01_a.ipynb", lambda nb: nb["metadata"]["posecore"].update(inputs=inputs))
+    assert stale(book) == ["01_a, the page: stale: what it was made from is not kept"]
+
+
+@pytest.mark.parametrize(
+    "name, text, found",
+    [
+        ("claims.json", '{"claims": {"c": {}}}', "ch01_a: {path}: damaged ledger: "),
+        ("claims.json", "{", "ch01_a: {path}: damaged ledger: "),
+        ("weights/net.safetensors", "half", "ch01_a/weights: net.safetensors is damaged: "),
+        ("weights/net.json", "{", "ch01_a/weights: net.json is damaged: "),
+    ],
+)
+def test_results_that_cannot_be_read_are_problems(name, text, found, book):
+    path = book / "ch01_a" / name
+    path.parent.mkdir(exist_ok=True)
+    if path.suffix == ".json" and path.stem == "net":
+        path.with_suffix(".safetensors").write_bytes(b"")
+    path.write_text(text)
+    lines = problems(book, [Page("01_a", True)])
+    assert lines[0].startswith(found.format(path=path)), lines
+    assert lines == problems(book) and not problems(book, [Page("index")])
+    assert all(": stale: " in line for line in stale(book))  # and it raises no error
+
+
+# What should not be stored ------------------------------------------------------------------------
 
 
 MARKS = ["raises-exception", "skip-execution", "nbval-skip", "nbval-raises-exception"]
@@ -269,14 +362,16 @@ def test_nbval_is_not_asked_to_compare_with_nothing(book):
     pair(book / "solutions" / "01_a.py")
     generate(Page("01_a", True), book)
     message = "cell 2 asks nbval to compare with outputs that are not stored"
-    assert problems(book) == [f"{part}/01_a: {message}" for part in ("solutions", "exercises")]
+    assert problems(book) == [f"solutions/01_a: {message}"]
 
 
 @pytest.mark.parametrize("code", ["%matplotlib inline", "!ls", "%%bash\nls", "x ="])
 def test_code_is_plain_python(code, book):
-    change_code(book, "assert x == 1", code)
-    (line,) = problems(book)
-    assert line.startswith("01_a: cell 4 is not plain Python")
+    change(book / "01_a.py", "assert x == 1", code)
+    pair(book / "01_a.py")
+    found = problems(book)
+    assert [line for line in found if line.startswith("01_a: cell 4 is not plain Python")]
+    assert stale(book) == []
 
 
 def test_cells_are_short(book):
@@ -292,21 +387,31 @@ def test_pages_are_not_too_large(book):
     assert problems(book) == ["01_a: 1.50 MB; at most 1.5 MB"]
 
 
-@pytest.mark.parametrize("part", ["solutions", "exercises"])
-def test_solutions_and_exercises_store_no_outputs(part, book):
-    path = book / part / "01_a.ipynb"
+def test_solutions_store_no_outputs(book):
+    path = book / "solutions" / "01_a.ipynb"
     nb = read_notebook(path)
     nb.cells[1].execution_count = 1
     write_notebook(nb, path)
-    assert f"{part}/01_a: has stored outputs; run make.py pair" in problems(book)
+    assert problems(book) == ["solutions/01_a: has stored outputs; run make.py pair"]
 
 
-@pytest.mark.parametrize("suffix", [".py", ".ipynb"])
-def test_exercises_are_those_that_the_solutions_generate(suffix, book):
-    change(book / "exercises" / f"01_a{suffix}", "Twice", "Three times")
-    assert f"exercises/01_a{suffix}: not what its solutions generate; run make.py pair" in problems(
-        book
-    )
+def ran(nb):
+    nb["cells"][1]["execution_count"] = 1
+
+
+def says_something_else(nb):
+    nb["cells"][1]["source"][1] = nb["cells"][1]["source"][1].replace("Twice", "Three times")
+
+
+def paired(nb):
+    nb["metadata"]["jupytext"]["formats"] = "ipynb,py:percent"
+
+
+@pytest.mark.parametrize("function", [ran, says_something_else, paired])
+def test_exercises_are_those_that_the_solutions_generate(function, book):
+    edit(book / "exercises" / "01_a.ipynb", function)
+    message = "exercises/01_a.ipynb: not what its solutions generate; run make.py pair"
+    assert problems(book) == [message]
 
 
 def test_solutions_that_generate_nothing(book):
@@ -316,7 +421,11 @@ def test_solutions_that_generate_nothing(book):
 
 
 @pytest.mark.parametrize(
-    "name", ["02_b.ipynb", "02_b.py", "notes.ipynb", "solutions/index.ipynb", "deep/er/a.ipynb"]
+    "name",
+    [
+        *("02_b.ipynb", "02_b.py", "notes.ipynb", "solutions/index.ipynb", "deep/er/a.ipynb"),
+        "exercises/01_a.py",  # a notebook alone is generated
+    ],
 )
 def test_files_that_the_contents_lack(name, book):
     (book / name).parent.mkdir(parents=True, exist_ok=True)
@@ -324,10 +433,9 @@ def test_files_that_the_contents_lack(name, book):
     assert problems(book) == [f"{name}: not in site/contents.toml"]
 
 
-@pytest.mark.parametrize("name", ["drawing/02_b.py", "checks/01_b.py", "experiments/02_b.py"])
-def test_parts_of_no_page(name, book):
-    (book / name).parent.mkdir(exist_ok=True)
-    (book / name).write_text("")
+@pytest.mark.parametrize("name", ["ch02_b", "ch01_b", "ch00_idex"])
+def test_packages_of_no_page(name, book):
+    (book / name).mkdir()
     assert problems(book) == [f"{name}: belongs to no page of site/contents.toml"]
 
 
@@ -337,15 +445,6 @@ def test_files_that_are_missing(name, book):
     assert problems(book) == [f"{name}: in site/contents.toml, but missing"]
     of_the_page = [Page("index")] if "index" in name else [Page("01_a", True)]
     assert problems(book, of_the_page) == problems(book)
-
-
-def test_parts_that_one_page_has_several_of(book):
-    for name in ("drawing/01_b.py", "experiments/01_slow.py", "checks/01_a.py"):
-        (book / name).parent.mkdir(exist_ok=True)
-        (book / name).write_text("")
-    for name in ("index", "01_a"):
-        execute_by_hand(book / f"{name}.ipynb")  # with the new drawing
-    assert problems(book) == []
 
 
 @pytest.mark.parametrize("name", ["01_a.ipynb", "solutions/01_a.ipynb", "01_a.py"])
