@@ -15,8 +15,8 @@ from jupytext.sync_contentsmanager import build_sync_jupytext_contents_manager_c
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 
 from book.tools.contents import BOOK, Page, pages
-from book.tools.exercises import BEGIN, END, generate, generated_files, start, student_version
-from book.tools.notebooks import HEADER, is_executed, read_notebook, read_source, source_bytes
+from book.tools.exercises import BEGIN, END, generate, generated, start, student_version
+from book.tools.notebooks import is_executed, read_notebook, read_source, source_bytes
 
 STUB = '''def add(a, b):
     """The sum."""
@@ -164,42 +164,49 @@ def book(tmp_path: Path) -> Path:
 PAGE = Page("01_a", exercises=True)
 
 
-def test_both_sides_are_written(book: Path) -> None:
-    source, notebook = (book / "exercises" / f"01_a.{suffix}" for suffix in ("py", "ipynb"))
-    assert source.read_text() == f"{HEADER}\n# %% [markdown]\n# # Exercises\n\n# %%\n{STUB}\n"
-    assert sources(read_notebook(notebook)) == ["# Exercises", STUB]
-    assert sorted(path.name for path in source.parent.iterdir()) == ["01_a.ipynb", "01_a.py"]
+def test_a_notebook_alone_is_generated(book: Path) -> None:
+    path, data = generated(PAGE, book)
+    assert path == book / "exercises" / "01_a.ipynb"
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+    assert path.read_bytes() == data
+    nb = nbformat.read(path, as_version=4)
+    nbformat.validate(nb)
+    assert sources(nb) == ["# Exercises", STUB]
+    assert nb.metadata["jupytext"] == {"formats": "ipynb"}
+    assert nb.metadata["kernelspec"]["name"] == "python3"
 
 
 def test_the_same_solutions_give_the_same_bytes(book: Path) -> None:
-    files = list((book / "exercises").iterdir())
-    before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in files}
-    assert {path: data for path, (data, _) in before.items()} == generated_files(PAGE, book)
+    path, data = generated(PAGE, book)
+    before = path.stat().st_mtime_ns
     generate(PAGE, book)
-    assert {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in files} == before
-    for path in files:
-        path.unlink()
+    assert path.stat().st_mtime_ns == before  # it is not written again
+    path.unlink()
     generate(PAGE, book)
-    assert {path: path.read_bytes() for path in files} == generated_files(PAGE, book)
+    assert path.read_bytes() == data
 
 
-def test_an_edited_exercise_is_generated_again(book: Path) -> None:
-    path = book / "exercises" / "01_a.py"
-    before = path.read_bytes()
-    path.write_bytes(before + b"\n# %%\nextra = 1\n")
+def test_an_edited_exercise_is_generated_again_and_kept_aside(
+    book: Path, capsys: pytest.CaptureFixture
+) -> None:
+    path, data = generated(PAGE, book)
+    nb = nbformat.read(path, as_version=4)
+    nb.cells[1].source = "add = sum"
+    nbformat.write(nb, path)
     generate(PAGE, book)
-    assert path.read_bytes() == before
-    # Written in this order, the source is never older, or JupyterLab would complain.
-    assert list(generated_files(PAGE, book)) == [path.with_suffix(".ipynb"), path]
+    assert path.read_bytes() == data
+    (kept,) = (book / "_build" / "replaced").iterdir()
+    assert sources(read_notebook(kept)) == ["# Exercises", "add = sum"]
+    assert "what it said before is kept" in capsys.readouterr().out
 
 
 def test_a_bad_solution_changes_nothing(book: Path) -> None:
-    files = {path: path.read_bytes() for path in (book / "exercises").iterdir()}
+    path, data = generated(PAGE, book)
     solutions = book / "solutions" / "01_a.py"
     solutions.write_text(solutions.read_text().replace(END, "### END"))
     with pytest.raises(ValueError, match=r"^solutions/01_a\.py: cell 2 \('def add.*expected ### E"):
         generate(PAGE, book)
-    assert {path: path.read_bytes() for path in (book / "exercises").iterdir()} == files
+    assert path.read_bytes() == data
 
 
 @pytest.mark.parametrize("page", [Page("01_a"), Page("index")])
@@ -214,13 +221,14 @@ def test_pages_without_exercises(book: Path, page: Page) -> None:
 def test_a_page_whose_solutions_are_missing(book: Path) -> None:
     with pytest.raises(ValueError, match=r"^solutions/02_b\.py: .*cannot be read"):
         generate(Page("02_b", exercises=True), book)
-    assert not (book / "exercises" / "02_b.py").exists()
+    assert not (book / "exercises" / "02_b.ipynb").exists()
 
 
 @each_page
 def test_the_books_exercises_are_those_that_its_solutions_generate(page: Page) -> None:
-    for path, data in generated_files(page).items():
-        assert path.read_bytes() == data, f"{path.name}: run make.py pair"
+    path, data = generated(page)
+    assert path.read_bytes() == data, f"{path.name}: run make.py pair"
+    assert not path.with_suffix(".py").exists()
 
 
 @each_page
@@ -233,10 +241,9 @@ def test_no_trace_of_a_solution(page: Page) -> None:
             (secret if hidden or "SOLUTION" in line else public).add(line)
     secret -= public
     assert len(secret) > 10
-    for path in generated_files(page):
-        student = path.read_text(encoding="utf-8")
-        assert not [s for s in secret if s in student or json.dumps(s)[1:-1] in student]
-        assert "SOLUTION" not in student
+    student = generated(page)[0].read_text(encoding="utf-8")
+    assert not [s for s in secret if s in student or json.dumps(s)[1:-1] in student]
+    assert "SOLUTION" not in student
 
 
 @each_page
@@ -306,11 +313,12 @@ def test_start_hands_out_no_outputs(book: Path) -> None:
     assert not is_executed(read_notebook(start(PAGE, book / "my_work", book)))
 
 
-def test_jupytext_pairs_a_students_notebook_with_nothing(book: Path) -> None:
+@pytest.mark.parametrize("folder", ["my_work", "exercises"])
+def test_jupytext_pairs_a_students_notebook_with_nothing(folder: str, book: Path) -> None:
     """Opened, edited and saved in JupyterLab, under the book's own settings."""
     shutil.copy(BOOK / "jupytext.toml", book)
-    path = start(PAGE, book / "my_work", book)
-    for root, name in ((book, "my_work/01_a.ipynb"), (path.parent, "01_a.ipynb")):
+    path = start(PAGE, book / "my_work", book) if folder == "my_work" else generated(PAGE, book)[0]
+    for root, name in ((book, f"{folder}/01_a.ipynb"), (path.parent, "01_a.ipynb")):
         manager = build_sync_jupytext_contents_manager_class(LargeFileManager)()
         manager.root_dir = str(root)
         model = manager.get(name)
