@@ -28,6 +28,7 @@ def empty(tmp_path, monkeypatch):
     return tmp_path / "cache"
 
 
+@pytest.mark.slow
 def test_make_check_clean(empty, monkeypatch, capsys):
     small = {"tiny": Size(24, 18, {"train": 5})}
     monkeypatch.setattr(tabletop, "WORLD", replace(tabletop.WORLD, sizes=small, shard_size=2))

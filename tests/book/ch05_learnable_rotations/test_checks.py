@@ -123,6 +123,7 @@ def test_the_mean_is_that_of_scipy(seed: int, representation: str) -> None:
     assert torch.allclose(checks.mean_prediction(numbers.flip(0), representation), mean)
 
 
+@pytest.mark.slow
 @given(seeds, st.floats(0, 1.2))
 @settings(max_examples=30)
 def test_no_rotation_has_less_spread(seed: int, wide: float) -> None:
@@ -134,6 +135,7 @@ def test_no_rotation_has_less_spread(seed: int, wide: float) -> None:
     assert checks.spread(rotations.mean_rotation(R), R) <= 1.05 * least + 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0, 0.03, 0.08, 0.3])
 def test_the_open_exercise_is_judged_by_its_property(turn: float) -> None:
     """Whatever has hardly more spread than any other on all inputs is done."""

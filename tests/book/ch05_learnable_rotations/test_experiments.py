@@ -14,6 +14,8 @@ from posecore.nets.rotation_heads import REPRESENTATIONS, RotationHead
 from posecore.rotations import geodesic_distance, is_rotation, random_rotations
 from posecore.training import fit, seeded
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def results():

@@ -10,6 +10,8 @@ from book.ch01_poses_and_cameras.drawing import stand_in
 from posecore import cameras, metrics, poses, registration
 from posecore.rotations import is_rotation
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def no_real_data(monkeypatch):
@@ -34,7 +36,6 @@ def first_hit(ray, corners):
     return depth[hit].min() if hit.any() else np.inf
 
 
-@pytest.mark.slow
 def test_depth_and_mask_are_those_of_rays_through_the_mesh(photo, rng):
     corners = poses.apply(photo.R, photo.t, photo.vertices)[photo.faces]
     pixels = cameras.project(photo.K, corners.reshape(-1, 3))
@@ -131,7 +132,6 @@ def test_rasterise_agrees_with_rays(rng):
     np.testing.assert_allclose(points[face >= 0], seen[face >= 0], atol=1e-9)
 
 
-@pytest.mark.slow
 def test_drawing_it_again_gives_the_same_bytes(monkeypatch):
     fine = stand_in._drawn()
     monkeypatch.setattr(stand_in, "FINER", 1)  # much faster
@@ -216,7 +216,6 @@ SIMPLE_FIGURES = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", SIMPLE_FIGURES)
 def test_figures_have_words_and_repeat_byte_for_byte(name):
     first, second = SIMPLE_FIGURES[name](), SIMPLE_FIGURES[name]()

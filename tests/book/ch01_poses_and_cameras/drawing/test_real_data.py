@@ -8,8 +8,9 @@ from book.tools.contents import BOOK
 from book.tools.notebooks import read_source
 from posecore.rotations import is_rotation
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_the_page_runs_on_real_data_and_prints_the_published_angles(real_data, monkeypatch, capsys):
     monkeypatch.setenv("POSECORE_DATA", str(real_data))
     page = {"__name__": "page"}

@@ -7,8 +7,9 @@ import data_tools
 from book.ch02_small_worlds.drawing import page
 from posecore import cameras
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_the_question_shows_each_world_twice():
     figure = page.question()
     assert len(figure.axes) == 6

@@ -11,6 +11,8 @@ from book.ch02_small_worlds.drawing import rasteriser as draw
 from data_tools import renderer
 from posecore import cameras, poses
 
+pytestmark = pytest.mark.slow
+
 CORNERS = np.array([[1.0, 7], [10, 4], [4, 1]])
 SIZE = 12, 9
 
@@ -183,7 +185,6 @@ FIGURES = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", FIGURES)
 def test_figures_have_words_and_repeat_byte_for_byte(name):
     first, second = FIGURES[name](), FIGURES[name]()

@@ -13,6 +13,8 @@ from data_tools.worlds import headset
 from posecore import cameras, metrics, poses
 from posecore.rotations import euler_to_matrix
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def instant():
@@ -219,7 +221,6 @@ FIGURES = {
 }  # fmt: skip
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", FIGURES)
 def test_figures_have_words_and_repeat_byte_for_byte(name):
     first, second = FIGURES[name](), FIGURES[name]()

@@ -9,6 +9,8 @@ from posecore import rotations
 from posecore.figures import Picture
 from posecore.nets.rotation_heads import RotationCodec, RotationHead, train_codec
 
+pytestmark = pytest.mark.slow
+
 R = rotations.random_rotations(50, generator=3, dtype=torch.float32)
 
 

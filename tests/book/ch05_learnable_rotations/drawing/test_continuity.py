@@ -8,6 +8,8 @@ from book.ch05_learnable_rotations.drawing import continuity as draw
 from book.ch05_learnable_rotations.drawing import procrustes, turning
 from posecore import rotations
 
+pytestmark = pytest.mark.slow
+
 THETA = np.linspace(-np.pi, np.pi, 81)
 
 
@@ -187,7 +189,6 @@ SIMPLE_FIGURES = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", SIMPLE_FIGURES)
 def test_figures_have_words_and_repeat_byte_for_byte(name):
     first, second = SIMPLE_FIGURES[name](), SIMPLE_FIGURES[name]()

@@ -7,6 +7,8 @@ from book.ch05_learnable_rotations.drawing import results as page
 from book.tools.keys import Key
 from posecore import cameras, rotations
 
+pytestmark = pytest.mark.slow
+
 FOUR = ("quaternion, chordal", "6d, chordal", "procrustes, chordal", "learnable, output")
 
 
