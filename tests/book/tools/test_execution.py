@@ -9,17 +9,23 @@ from jupyter_client.channels import AsyncZMQSocketChannel
 from nbformat.v4 import new_code_cell, new_notebook, new_output
 
 from book.tools import execution
-from book.tools.execution import clean_outputs, environment, execute, inputs_digest
+from book.tools.contents import Page
+from book.tools.execution import clean_outputs, environment, execute
+from book.tools.inputs import inputs, stale_inputs
 from book.tools.notebooks import (
     HEADER,
     code_digest,
     notebook_bytes,
     outputs_digest,
     read_notebook,
+    read_source,
     write_notebook,
 )
 from book.tools.pairs import pair
 
+pytestmark = pytest.mark.slow  # kernels
+
+CONTENTS = '[[page]]\nname = "01_a"\n'
 PAGE = """
 # %% [markdown]
 # # A page
@@ -58,9 +64,15 @@ print({"POSECORE_DATA", "POSECORE_RETRAIN", "PYTHONWARNINGS"} & set(os.environ))
 
 
 def write(folder, text, name="01_a.py"):
+    (folder / "site").mkdir(exist_ok=True)
+    (folder / "site" / "contents.toml").write_text(CONTENTS)
     path = folder / name
     path.write_text(HEADER + text, encoding="utf-8")
     return path
+
+
+def inputs_now(source):
+    return inputs(read_source(source), Page("01_a"), source.parent)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +93,7 @@ def test_an_executed_page_says_what_it_belongs_to(executed):
     assert notebook_bytes(stored) == notebook_bytes(nb) == stored_bytes(source)
     assert stored.metadata.posecore == {
         "code": code_digest(nb),
-        "inputs": inputs_digest(source),
+        "inputs": inputs_now(source),
         "outputs": outputs_digest(stored),
         "scale": "tiny",
     }
@@ -143,7 +155,7 @@ def test_a_run_that_fails_is_told_of_and_leaves_the_old_notebook(
     with pytest.raises(ValueError, match=message):
         execute(source)
     assert stored_bytes(source) == before
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["01_a.ipynb", "01_a.py"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["01_a.ipynb", "01_a.py", "site"]
 
 
 @pytest.mark.parametrize("old, new, kept", [("title", "words", True), ("x = 1", "x = 2", False)])
@@ -168,30 +180,39 @@ WHILE_IT_RUNS = """
 import os
 from pathlib import Path
 
-Path("drawing/01_a.py").write_text("colour = 'blue'")
+Path("ch01_a/drawing.py").write_text("def colour():\\n    return 'blue'")
 page = Path("01_a.ipynb")
 page.write_text(page.read_text().replace("# A title", "# Hours of work"))
 os.utime(page, (1e9 + TIME, 1e9 + TIME))
 """
 
 
-def test_what_changes_beside_a_page_while_it_runs(tmp_path, capsys):
-    (tmp_path / "drawing").mkdir()
-    (tmp_path / "drawing" / "01_a.py").write_text("colour = 'red'")
-    text = "\n# %% [markdown]\n# # A title\n\n# %%" + WHILE_IT_RUNS
-    source = write(tmp_path, text.replace("TIME", "1"))
-    before = inputs_digest(source)
+def test_what_changes_beside_a_page_while_it_runs(tmp_path, capsys, monkeypatch):
+    """It keeps the drawings of its start, and is stale then."""
+    book = tmp_path / "folio"
+    (book / "ch01_a").mkdir(parents=True)
+    (book / "__init__.py").write_text("")
+    drawing = book / "ch01_a" / "drawing.py"
+    drawing.write_text("def colour():\n    return 'red'")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    text = "\n# %% [markdown]\n# # A title\n\n# %%\nfrom folio.ch01_a.drawing import colour\n"
+    text += WHILE_IT_RUNS + "assert colour() == 'red'\n"
+    source = write(book, text.replace("TIME", "1"))
+    before = inputs_now(source)
+    assert before["definitions"].startswith("colour:")
     pair(source)
     os.utime(source, (1e9, 1e9))
     with pytest.raises(ValueError, match=r"01_a\.ipynb was saved after 01_a\.py and differs"):
         execute(source, "tiny")
     assert read_notebook(source.with_suffix(".ipynb")).cells[0].source == "# Hours of work"
-    write(tmp_path, text.replace("TIME", "-1"))  # and now where times say nothing of it
+    write(book, text.replace("TIME", "-1"))  # and now where times say nothing of it
     os.utime(source.with_suffix(".ipynb"), (1, 1))
-    (tmp_path / "drawing" / "01_a.py").write_text("colour = 'red'")
+    drawing.write_text("def colour():\n    return 'red'")
     nb = execute(source, "tiny")
-    assert nb.metadata.posecore.inputs == before != inputs_digest(source)
-    (kept,) = (tmp_path / "_build" / "replaced").iterdir()
+    assert nb.metadata.posecore.inputs == before != inputs_now(source)
+    assert stale_inputs(nb, Page("01_a"), book) == ("drawing.colour",)
+    (kept,) = (book / "_build" / "replaced").iterdir()
     assert read_notebook(kept).cells[0].source == "# Hours of work"
     assert "what it said before is kept" in capsys.readouterr().out
 
@@ -257,23 +278,6 @@ def test_streams_are_joined_and_bars_taken_out():
         (None, None),
         ("stdout", "50% done\n"),
     ]
-
-
-def test_what_a_page_shows_from_elsewhere_counts(tmp_path):
-    for folder in ("drawing", "claims"):
-        (tmp_path / folder).mkdir()
-    chapter, index = tmp_path / "01_a.ipynb", tmp_path / "index.py"
-    digests = {"start": (inputs_digest(chapter), inputs_digest(index))}
-    for name in ("drawing/01_b.py", "drawing/02_c.py", "claims/01_a.json", "drawing/index.py"):
-        (tmp_path / name).write_bytes(b"x = 1\n")
-        digests[name] = (inputs_digest(chapter), inputs_digest(index))
-    changed = [
-        tuple(a != b for a, b in zip(one, other, strict=True))
-        for one, other in zip(list(digests.values()), list(digests.values())[1:], strict=False)
-    ]
-    assert changed == [(True, False), (False, False), (True, True), (False, True)]
-    (tmp_path / "drawing" / "index.py").write_bytes(b"x = 1\r\n")  # as Git may write it
-    assert inputs_digest(index) == digests["drawing/index.py"][1]
 
 
 @pytest.mark.parametrize("timeout", [None, 30.0])
