@@ -165,14 +165,9 @@ def test_widened_boxes(seed, width, height, margin):
 
 
 BAD = [
-    (lambda: widened(np.ones((2, 3)), (4, 4), 1.0), "boxes"),
     (lambda: widened([[0, 0, 1, 0]], (4, 4), 1.0), "boxes"),
-    (lambda: widened([[0, np.nan, 1, 1]], (4, 4), 1.0), "boxes"),
     (lambda: turned_crop(np.zeros((3, 3)), [0, 0, 1, 1], 0.0, (4, 4)), "K"),
-    (lambda: turned_crop(np.eye(4), [0, 0, 1, 1], 0.0, (4, 4)), "K"),
-    (lambda: turned_crop(np.eye(3), [0, 0, 1], 0.0, (4, 4)), "box"),
     (lambda: turned_crop(np.eye(3), [0, 0, 0, 1], 0.0, (4, 4)), "box"),
-    (lambda: turned_crop(np.eye(3), [0, 0, 1, 1], np.nan, (4, 4)), "turn"),
     (lambda: turned_crop(np.eye(3), [0, 0, 1, 1], 0.0, (4, 0)), "size"),
     (lambda: require_size("size", 0), "size"),
     (lambda: require_size("size", 2.5), "size"),

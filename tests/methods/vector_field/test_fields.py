@@ -210,12 +210,6 @@ BEHIND = torch.tensor([0.0, 0, -1]).expand(4, 3)
 @pytest.mark.parametrize(
     ("call", "named"),
     [
-        (lambda: keypoint_vectors(np.ones((5, 3)), np.ones((4, 2))), "pixels"),
-        (lambda: keypoint_vectors(np.ones((5, 2)), np.ones(2)), "keypoints"),
-        (lambda: keypoint_vectors(np.ones((2, 5, 2)), np.ones((3, 4, 2))), "pixels and keypoints"),
-        (lambda: unit(np.ones(3)), "vectors"),
-        (lambda: unit([np.nan, 1]), "vectors"),
-        (lambda: project_keypoints(np.ones((4, 2)), np.eye(3), np.ones(3), np.eye(3)), "keypoints"),
         (lambda: project_keypoints(np.ones((4, 3)), np.eye(3), -np.ones(3), np.eye(3)), "points"),
         (lambda: project_keypoints(np.ones((4, 3)), np.eye(3), np.ones(3), np.ones((3, 3))), "K"),
         (lambda: field_targets({}, KEYPOINTS, IDS), "batch"),

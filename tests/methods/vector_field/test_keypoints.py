@@ -192,7 +192,7 @@ def test_gradients_flow_through_the_chosen_pose():
     assert torch.autograd.gradcheck(lambda R, t: canonical_rotation(R, t, T), (R, t))
 
 
-EYE, FRONT, SAME = np.eye(3), [0, 0, 1.0], np.eye(4)[None]
+EYE, FRONT = np.eye(3), [0, 0, 1.0]
 SCALED = np.diag([2.0, 2, 2, 1])[None]
 SHEET = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 1, 1]])[None]
 
@@ -203,18 +203,8 @@ SHEET = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 1, 1]])[Non
         (lambda: model_keypoints(np.ones((5, 3)), 6), "count"),
         (lambda: model_keypoints(np.ones((5, 3)), 0), "count"),
         (lambda: model_keypoints(np.ones((50, 3)), 8.0), "count"),
-        (lambda: model_keypoints(np.ones((0, 3))), "points"),
-        (lambda: model_keypoints(np.ones((50, 2))), "points"),
-        (lambda: model_keypoints(np.ones((2, 50, 3))), "points"),
-        (lambda: model_keypoints(np.full((50, 3), np.nan)), "points"),
-        (lambda: canonical_rotation(EYE[:2], FRONT, SAME), "R"),
-        (lambda: canonical_rotation(EYE, FRONT[:2], SAME), "t"),
-        (lambda: canonical_rotation(EYE, [0, 0, np.inf], SAME), "t"),
-        (lambda: canonical_rotation(EYE, FRONT, SAME[0]), "symmetries"),
-        (lambda: canonical_rotation(EYE, FRONT, SAME[:0]), "symmetries"),
         (lambda: canonical_rotation(EYE, FRONT, SCALED), "symmetries"),
         (lambda: canonical_rotation(EYE, FRONT, SHEET), "symmetries"),
-        (lambda: canonical_rotation(np.stack([EYE] * 2), np.ones((3, 3)), SAME), "R and t"),
     ],
 )
 def test_bad_input_is_named(call, named):

@@ -241,22 +241,12 @@ def test_only_weights_are_in_a_checkpoint() -> None:
 
 MASK = np.ones(SIZE[::-1], bool)
 EYE, AHEAD = np.eye(3), np.array([0, 0, 0.5])
-FIELD = (np.zeros((4, 2)), np.ones((4, 6, 2)), np.ones(4))
 
 
 @pytest.mark.parametrize(
     ("call", "name"),
     [
-        (lambda: overlap(POINTS[:0], EYE, AHEAD, CAMERA, MASK), "points"),
-        (lambda: overlap(POINTS, EYE[:2], AHEAD, CAMERA, MASK), "R"),
-        (lambda: overlap(POINTS, EYE, [0, 0, np.nan], CAMERA, MASK), "t"),
         (lambda: overlap(POINTS, EYE, AHEAD, np.zeros((3, 3)), MASK), "K"),
-        (lambda: overlap(POINTS, EYE, AHEAD, CAMERA, MASK[0]), "mask"),
-        (lambda: refiner_features(*FIELD, KEYPOINTS[:5], EYE, AHEAD, CAMERA), "keypoints"),
-        (lambda: refiner_features(*FIELD[:2], [1, 1], KEYPOINTS, EYE, AHEAD, CAMERA), "inside"),
-        (lambda: correct_pose(EYE, AHEAD, AHEAD, 0.2, EYE, [0, 0]), "shift"),
-        (lambda: correct_pose(EYE, AHEAD, AHEAD, np.inf, EYE, AHEAD), "diameter"),
-        (lambda: correct_pose(EYE, AHEAD, AHEAD, 0.2, EYE[0], AHEAD), "turn"),
         (lambda: FieldRefiner([]), "models"),
         (lambda: FieldRefiner([MODEL, MODEL]), "models"),
         (lambda: FieldRefiner([MODEL], points=61), "points"),
