@@ -235,16 +235,18 @@ def _experiments(page: Page, book: Path, parts: tuple[str, ...], without: str) -
 
 
 def import_experiments(page: Page, book: Path = BOOK) -> ModuleType:
-    """The module of a page's experiments, imported afresh.
+    """The module of a page's experiments, imported afresh with all of its package.
 
-    Numbers chosen by scale may stand at the top of the file.
+    Numbers chosen by scale may stand at the top of a file.
 
     Raises:
         ValueError: if another book of the same name is found first.
     """
     file = book.resolve() / page.package / "experiments.py"
-    name = f"{book.resolve().name}.{page.package}.experiments"
-    sys.modules.pop(name, None)
+    package = f"{book.resolve().name}.{page.package}"
+    name = f"{package}.experiments"
+    for loaded in [module for module in sys.modules if module.startswith(f"{package}.")]:
+        del sys.modules[loaded]
     importlib.invalidate_caches()
     imported = importlib.import_module(name)
     if not os.path.samefile(imported.__file__ or "", file):

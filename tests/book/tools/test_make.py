@@ -6,9 +6,12 @@ import sys
 
 import pytest
 
-from book.tools import contents, exercises, ledgers, site
+from book.tools import confirming, contents, exercises, measuring, site
 from book.tools.contents import BOOK, Page
 from book.tools.notebooks import HEADER, is_executed, read_notebook, write_notebook
+from tests.book.tools.small_book import edit, forget
+
+pytestmark = pytest.mark.slow  # a kernel, and other processes
 
 CONTENTS = '[[page]]\nname = "index"\n\n[[page]]\nname = "01_a"\nexercises = true\n'
 CHAPTER = "\n# %% [markdown]\n# # A\n\n# %%\nx = 1\n\n# %%\nprint(x)\n"
@@ -26,6 +29,12 @@ def make():
     return module
 
 
+def work_in(book, make, monkeypatch):
+    """Let `make.py` work on another book than the one it lies in."""
+    monkeypatch.setattr(make, "BOOK", book)
+    monkeypatch.setattr(make, "pages", lambda _: contents.pages(book))
+
+
 @pytest.fixture
 def book(make, tmp_path, monkeypatch):
     """A book in which `make.py` works."""
@@ -35,8 +44,7 @@ def book(make, tmp_path, monkeypatch):
     for name, text in (("index", "\n# %% [markdown]\n# # The book\n"), ("01_a", CHAPTER),
                        ("solutions/01_a", SOLUTION)):  # fmt: skip
         (tmp_path / f"{name}.py").write_text(HEADER + text)
-    monkeypatch.setattr(make, "BOOK", tmp_path)
-    monkeypatch.setattr(make, "pages", lambda book: contents.pages(tmp_path))
+    work_in(tmp_path, make, monkeypatch)
     return tmp_path
 
 
@@ -44,14 +52,16 @@ def test_the_road_of_a_contributor(make, book, capsys):
     assert make.main(["check"]) == 1
     out, err = capsys.readouterr()
     assert "01_a.ipynb: in site/contents.toml, but missing" in out
-    assert err == "make.py check: 5 problems\n"
+    assert err == "make.py check: 4 problems\n"
     assert make.main(["pair"]) == 0
     assert capsys.readouterr().out == "index: in step\n01_a: in step\n"
     assert make.main(["execute"]) == 0
     assert capsys.readouterr().out.startswith("index: executed in ")
     assert read_notebook(book / "01_a.ipynb").cells[2].outputs[0].text == "1\n"
     assert make.main(["check"]) == 0
-    assert capsys.readouterr().out == "fit to be committed\n"
+    assert capsys.readouterr().out == "fit to be committed, and nothing is stale\n"
+    assert make.main(["check", "--strict"]) == 0
+    capsys.readouterr()
     assert make.main(["strip", "1"]) == 0
     source, notebook = (book / f"01_a.{suffix}" for suffix in ("py", "ipynb"))
     assert source.stat().st_mtime_ns >= notebook.stat().st_mtime_ns  # as JupyterLab expects
@@ -77,18 +87,103 @@ def test_start_copies_exercises_and_goes_on_where_there_are_copies(make, book, c
     assert make.main(["start", "index"]) == 1
 
 
-def test_training_claims_and_site_are_those_of_making(make, book, capsys, monkeypatch):
+def test_each_command_is_that_of_the_tools(make, book, capsys, monkeypatch):
     called = []
-    monkeypatch.setattr(
-        ledgers, "train", lambda page, book, scale: called.append(("train", page, book))
-    )
-    monkeypatch.setattr(
-        ledgers, "claims", lambda page, book, scale: called.append(("claims", page, book))
-    )
+
+    def note(word, answer=()):
+        return lambda page, book, **more: called.append((word, page, book)) or list(answer)
+
+    monkeypatch.setattr(measuring, "train", note("train"))
+    monkeypatch.setattr(measuring, "claims", note("claims"))
+    monkeypatch.setattr(measuring, "status", note("status", ["a: stale: b", "c: stale: d"]))
+    monkeypatch.setattr(confirming, "confirm", note("confirm", ["a: confirmed"]))
     monkeypatch.setattr(site, "build", lambda: book / "html")
     assert make.main(["train", "1"]) == make.main(["claims"]) == make.main(["site"]) == 0
     assert called == [("train", "01_a", book), ("claims", "index", book), ("claims", "01_a", book)]
-    assert capsys.readouterr().out == f"open {book / 'html' / 'index.html'}\n"
+    *advice, last = capsys.readouterr().out.splitlines()
+    assert last == f"open {book / 'html' / 'index.html'}"
+    assert advice == ["and `make.py claims --confirm` keeps what this code gives at tiny"] * 2
+    called.clear()
+    assert make.main(["claims", "1", "--confirm"]) == make.main(["claims", "1", "--status"]) == 0
+    assert called == [("confirm", "01_a", book), ("status", Page("01_a", True), book)]
+    assert capsys.readouterr().out == "a: confirmed\na: stale: b\nc: stale: d\n"
+
+
+def fit(book, make):
+    """The folio with pages of its own, executed, measured and trained."""
+    drawing = book / "ch01_poses" / "drawing.py"
+    drawing.write_text("def curve():\n    return 1\n\n\ndef other():\n    return 2\n")
+    (book / "site" / "contents.toml").write_text('[[page]]\nname = "01_poses"\n')
+    code = "from folio.ch01_poses.drawing import curve\n\ncurve()"
+    (book / "01_poses.py").write_text(HEADER + f"\n# %% [markdown]\n# # A\n\n# %%\n{code}\n")
+    for command in ("pair", "claims", "train", "execute"):
+        assert make.main([command]) == 0, command
+
+
+def test_what_is_stale_is_said_and_fails_where_it_is_asked_to(
+    make, folio, tmp_path, capsys, monkeypatch
+):
+    work_in(folio, make, monkeypatch)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+
+    def said(*words):
+        forget()
+        capsys.readouterr()
+        status = make.main(list(words))
+        out, err = capsys.readouterr()
+        return status, out.splitlines(), err
+
+    fit(folio, make)
+    whole = ["fit to be committed, and nothing is stale"]
+    assert said("check") == said("check", "--strict") == (0, whole, "")
+    assert said("claims", "--status") == (0, ["01_poses: nothing is stale"], "")
+
+    drawing = folio / "ch01_poses" / "drawing.py"
+    edit(drawing, ("return 2", "return 3"))  # which the page does not call
+    edit(folio / "ch01_poses" / "helper.py", ("return OFFSET", "return OFFSET  # an eighth"))
+    assert said("check", "--strict") == (0, whole, "")
+    edit(drawing, ("return 1", "return 4"))
+    page = ["01_poses, the page: stale: drawing.curve"]
+    assert said("check") == (0, page, "")
+    assert said("check", "1", "--strict") == (1, page, "make.py check: 1 stale\n")
+
+    edit(folio / "ch01_poses" / "measured.py", ("2 * seed", "4 * seed"))
+    edit(folio / "ch01_poses" / "experiments.py", ("Linear(3, 2)", "Linear(3, 3)"))
+    results = [
+        "01_poses, table: stale: measured.table",
+        "01_poses, weights/net.safetensors: stale: experiments.net",
+    ]
+    assert said("check") == (0, results + page, "")
+    assert said("check", "--strict") == (1, results + page, "make.py check: 3 stale\n")
+    lines = [f"{line}; made anew in 1 min" for line in results]
+    assert said("claims", "--status") == (0, lines, "")
+
+    (folio / "01_poses.ipynb").unlink()
+    missing = ["01_poses.ipynb: in site/contents.toml, but missing"]
+    assert said("check") == (1, missing + results, "make.py check: 1 problem, 2 stale\n")
+    with pytest.raises(SystemExit):
+        make.main(["claims", "--status", "--confirm"])
+
+
+def test_confirmed_it_is_fresh_again(make, folio, capsys, monkeypatch):
+    work_in(folio, make, monkeypatch)
+    (folio / "site" / "contents.toml").write_text('[[page]]\nname = "01_poses"\n')
+    assert make.main(["claims"]) == make.main(["train"]) == make.main(["claims", "--confirm"]) == 0
+    edit(folio / "ch01_poses" / "measured.py", ("2 * seed", "seed * 2"))
+    forget()
+    capsys.readouterr()
+    assert make.main(["claims", "--status"]) == 0
+    assert "table: stale: measured.table" in capsys.readouterr().out
+    assert make.main(["claims", "--confirm"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "01_poses, table: confirmed at tiny (measured.table)",
+        *(
+            f"01_poses, {name}: fresh"
+            for name in ("other", "net.safetensors", "bigger.safetensors")
+        ),
+    ]
+    assert make.main(["claims", "--status"]) == 0
+    assert capsys.readouterr().out == "01_poses: nothing is stale\n"
 
 
 @pytest.mark.parametrize("command", [name for name in COMMANDS if name != "site"])
@@ -130,9 +225,11 @@ def test_help_explains_the_workflow_from_any_folder(tmp_path):
 
 def test_it_works_on_the_book_that_it_lies_in(tmp_path):
     book = tmp_path / "project" / "book"
-    shutil.copytree(BOOK / "making", book / "making")
+    shutil.copytree(BOOK / "tools", book / "tools")
+    (book / "__init__.py").write_text("")
     shutil.copyfile(BOOK / "make.py", book / "make.py")
-    shutil.copytree(BOOK.parent / "posecore", book.parent / "posecore")
+    for package in ("posecore", "data_tools"):
+        shutil.copytree(BOOK.parent / package, book.parent / package)
     (book / "site").mkdir()
     (book / "site" / "contents.toml").write_text('[[page]]\nname = "index"\n')
     (book / "index.py").write_text(HEADER + CHAPTER)
@@ -183,7 +280,7 @@ def test_what_is_missing_or_stopped_is_one_line(
     def ends(*arguments, **more):
         raise error
 
-    monkeypatch.setattr(ledgers, "claims", ends)
+    monkeypatch.setattr(measuring, "claims", ends)
     assert make.main(["claims", "1"]) == status
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("make.py claims: ") and words in line
@@ -192,6 +289,6 @@ def test_what_is_missing_or_stopped_is_one_line(
 @pytest.mark.parametrize("command", ["train", "claims"])
 def test_trying_at_another_scale(command, make, book, monkeypatch):
     called = []
-    monkeypatch.setattr(ledgers, command, lambda page, book, scale: called.append(scale))
+    monkeypatch.setattr(measuring, command, lambda page, book, scale: called.append(scale))
     assert make.main([command, "1", "--scale", "tiny"]) == 0
     assert called == ["tiny"]

@@ -111,9 +111,10 @@ def test_numbers_chosen_at_the_top_of_the_file_have_the_scale_that_is_recorded(
     folio: Path,
 ) -> None:
     line = "from folio.ch01_poses.measured import other, table\n"
-    (folio / CHAPTER / "experiments.py").write_text(EXPERIMENTS.replace(line, MEASURED))
-    for scale, size in (("book", 2), ("tiny", 1), ("paper", 3)):
-        assert claims("1", folio, scale=scale)[1].values[0][A] == 0.125 + size
+    for text in (EXPERIMENTS, EXPERIMENTS.replace(line, MEASURED)):  # or of a module beside it
+        (folio / CHAPTER / "experiments.py").write_text(text)
+        for scale, size in (("book", 2), ("tiny", 1), ("paper", 3)):
+            assert claims("1", folio, scale=scale)[1].values[0][A] == 0.125 + size
 
 
 @pytest.mark.parametrize(
