@@ -245,6 +245,7 @@ def real_reports(real_data):
     return reports
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", REAL)
 def test_real_results_of_megapose(real_reports, mode):
     out, err = real_reports[mode]
@@ -266,6 +267,7 @@ def test_real_results_of_megapose(real_reports, mode):
         assert "not rotations" in err
 
 
+@pytest.mark.slow
 def test_the_readme_shows_what_is_printed(real_reports):
     out, err = real_reports["project"]
     readme = (Path(__file__).parents[2] / "README.md").read_text()

@@ -79,6 +79,7 @@ def test_mistakes_of_ours_are_not_hidden(monkeypatch):
         main(["evaluate", "est.csv", "gt.csv"])
 
 
+@pytest.mark.slow
 def test_evaluate_waits_for_no_method(tmp_path):
     """And `python -m posecore` is the same door."""
     done = subprocess.run(

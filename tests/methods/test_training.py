@@ -57,6 +57,7 @@ def test_the_job_that_is_asked_for(tmp_path, monkeypatch):
         Job.asked(parsed())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [True, False])
 def test_a_network_is_trained_and_kept_by_the_first_process(tmp_path, capsys, first):
     run, job = Run(tmp_path, {"seed": 5}), Job(tmp_path, "tiny", torch.device("cpu"), 2, first)

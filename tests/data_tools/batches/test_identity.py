@@ -30,6 +30,7 @@ def exported(cache, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_bop_dataset_gives_the_same_batches(exported, tmp_path, stack_of):
     dataset = data_tools.open(f"bop:{exported}", split="test")
     batches.load(dataset, folder=tmp_path, progress=False)

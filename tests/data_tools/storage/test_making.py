@@ -76,6 +76,7 @@ def finished(store):
     return there
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["fork", "spawn"])
 def test_several_processes_make_the_same_files(tmp_path, expected, method):
     store = world(tmp_path, shard_size=3)
@@ -115,6 +116,7 @@ def test_every_number_is_made_once(tmp_path_factory, numbers, processes):
 
 
 # Killed at moments chosen by the clock: while processes start, make records, write or end.
+@pytest.mark.slow
 @pytest.mark.parametrize("processes", [1, 2])
 @pytest.mark.parametrize("moment", [0.0, 0.03, 0.08, 0.13, 0.18, 0.24])
 def test_killed_at_any_moment(tmp_path, expected, moment, processes):

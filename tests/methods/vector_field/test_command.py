@@ -2,12 +2,15 @@
 
 import cv2
 import numpy as np
+import pytest
 
 import data_tools
 from data_tools.bop import read_results
 from posecore.__main__ import main
 from posecore.methods.vector_field.runs import read_run
 from tests.methods.vector_field.commands import estimate_words
+
+pytestmark = pytest.mark.slow
 
 
 def test_a_world_and_a_field_without_refiner(tmp_path, capsys):

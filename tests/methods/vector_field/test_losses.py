@@ -96,6 +96,7 @@ def descend(loss, a, steps=4000):
     return float(torch.atan2(p[0, 1].abs(), p[0, 0]).rad2deg())
 
 
+@pytest.mark.slow
 def test_the_wall_between_reversed_and_right():
     """With Eq 1 as printed a vector that points away stays so; forward only, it comes round."""
     for forward_only in (False, True):

@@ -215,6 +215,7 @@ def test_images_are_left_as_they_were() -> None:
     assert torch.equal(images, before)
 
 
+@pytest.mark.slow
 def test_learns_where_a_corner_is() -> None:
     """Four bright squares, whose keypoint is their corner: the loop, half precision, all of it."""
 

@@ -44,6 +44,7 @@ def test_the_books_numbers_are_those_of_its_experiments(monkeypatch):
     assert (book.begin, book.forward_only) == (0.15, True)
 
 
+@pytest.mark.slow
 def test_a_step_at_paper_scale(rng):
     """Shapes, and one step of the whole network on two whole images."""
     paper = PLANS["paper"]

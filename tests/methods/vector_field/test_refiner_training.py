@@ -106,6 +106,7 @@ def test_own_poses_are_half_of_the_beginnings_unless_they_are_hopeless() -> None
     assert abs(own[drawn["entry"] != 2].double().mean() - 0.5) < 0.1
 
 
+@pytest.mark.slow
 def test_it_is_trained_by_fit() -> None:
     training = RefinerTraining([seen(0, 8)], MODELS, size=16)
     with seeded(0):

@@ -33,6 +33,8 @@ from tests.methods.vector_field.commands import (
     train_words,
 )
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[3]
 ENVIRONMENT = {name: value for name, value in os.environ.items() if "proxy" not in name.lower()}
 ENVIRONMENT["PYTHONPATH"] = os.pathsep.join([str(ROOT), *sys.path])
