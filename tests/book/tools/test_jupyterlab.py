@@ -7,12 +7,14 @@ import sys
 import time
 import urllib.request
 
+import nbformat
 import pytest
 from jupytext import TextFileContentsManager
 from nbformat.v4 import new_code_cell, new_output
 from tornado.web import HTTPError
 
-from book.tools.contents import BOOK
+from book.tools.contents import BOOK, Page
+from book.tools.exercises import generate
 from book.tools.notebooks import (
     HEADER,
     cells_differ,
@@ -24,6 +26,8 @@ from book.tools.notebooks import (
     write_notebook,
 )
 from book.tools.pairs import pair
+
+pytestmark = pytest.mark.slow  # a server
 
 SOURCE = (
     HEADER
@@ -228,3 +232,33 @@ def test_a_real_server_keeps_a_pair_in_step_from_both_sides(server, project):
         assert source.cells[0].source == nb.cells[0].source == f"# Saved from {side}"
         (book / "01_a.py").write_text(SOURCE, encoding="utf-8")
         pair(book / "01_a.py")
+
+
+EXERCISE = """
+# %%
+def double(x):
+    ### BEGIN SOLUTION
+    return 2 * x
+    ### END SOLUTION
+"""
+
+
+def test_exercises_solved_in_jupyterlab_stay_one_notebook(server, project):
+    """Whatever the folder's settings pair."""
+    book = project / "book"
+    (book / "exercises").mkdir()
+    (book / "solutions" / "02_b.py").write_text(HEADER + EXERCISE)
+    generate(Page("02_b", exercises=True), book)
+    path = book / "exercises" / "02_b.ipynb"
+    before = path.read_bytes()
+    content = request(server, "exercises/02_b.ipynb?type=notebook")["content"]
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+    request(server, "exercises/02_b.ipynb", as_the_browser_does(content))
+    content["cells"][0]["source"] = "def double(x):\n    return x + x"
+    request(server, "exercises/02_b.ipynb", as_the_browser_does(content))
+    assert [f.name for f in path.parent.iterdir() if f.is_file()] == [path.name]
+    nb = read_notebook(path)
+    assert nb.cells[0].source.endswith("return x + x")
+    assert nbformat.read(path, as_version=4).metadata.jupytext.formats == "ipynb"
+    generate(Page("02_b", exercises=True), book)
+    assert path.read_bytes() == before

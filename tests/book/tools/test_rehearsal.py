@@ -2,12 +2,11 @@
 
 import doctest
 import functools
-import importlib.util
+import importlib
 
 import nbformat
 import pytest
 import torch
-from book.tools.parts import checks
 from nbclient import NotebookClient
 
 from book.tools.checks import DONE, NOT_DONE, NOT_RIGHT, Answer, Exercise
@@ -15,6 +14,9 @@ from book.tools.contents import BOOK, find_page, pages
 from book.tools.execution import environment
 from book.tools.exercises import start
 from book.tools.notebooks import read_notebook
+from tests.book.exercises import ExerciseTests
+
+pytestmark = pytest.mark.slow  # whole notebooks
 
 WITH_EXERCISES = [page for page in pages() if page.exercises]
 each_page = pytest.mark.parametrize("page", WITH_EXERCISES, ids=lambda page: page.name)
@@ -44,8 +46,12 @@ def played(path):
     return space, answers
 
 
+def checks(page):
+    return importlib.import_module(f"book.{page.package}.checks")
+
+
 def exercises(page):
-    found = vars(checks(page.name)).items()
+    found = vars(checks(page)).items()
     return {name.removeprefix("check_"): e for name, e in found if isinstance(e, Exercise)}
 
 
@@ -79,18 +85,12 @@ def test_the_examples_in_the_stubs_are_what_the_solutions_give(page):
 
 
 @each_page
-def test_every_exercise_has_wrong_solutions_that_are_caught(page):
-    """The mutation rule: the chapter's own tests hold at least two for every exercise."""
-    name = f"test_{page.name.partition('_')[0]}_exercises"
-    path = BOOK.parent / "tests" / "chapters" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    for exercise, check in exercises(page).items():
-        wrong = {student for called, student, *_ in module.WRONG if called == exercise}
-        assert len(wrong) >= 2, f"{path.name}: WRONG has fewer than two of {exercise}"
-        for student in wrong:
-            assert check(student).status == NOT_RIGHT, student.__name__
+def test_every_chapter_proves_its_exercises(page):
+    """The mutation rule, which `tests/book/exercises.py` asks of each exercise."""
+    module = importlib.import_module(f"tests.book.{page.package}.test_checks")
+    proofs = [c for c in vars(module).values() if isinstance(c, type) and c is not ExerciseTests]
+    proven = [c.checks for c in proofs if issubclass(c, ExerciseTests)]
+    assert proven == [checks(page)]
 
 
 @pytest.fixture
