@@ -88,7 +88,7 @@ def test_what_takes_arrays_declares_their_shapes() -> None:
 def test_the_makers_are_of_functions_that_there_are() -> None:
     names = {function.__qualname__ for function in WRAPPED}
     assert len(WRAPPED) > 60
-    assert set(BESIDE) | set(MAKERS) | set(SELVES) | OF_THE_WHOLE <= names
+    assert set(BESIDE) | set(MAKERS) | set(OBJECTS) | OF_THE_WHOLE <= names
 
 
 def described(function: FunctionType, name: str) -> str:
@@ -226,11 +226,11 @@ BESIDE: dict[str, Callable[[Values], dict[str, object]]] = {
     "widened": lambda given: {"size": (8, 6), "margin": 1.2},
 }
 # The objects whose methods they are.
-SELVES: dict[str, Callable[[], object]] = {
-    "RotationCodec.encode": lambda: RotationCodec(2, 8).double(),
-    "RotationCodec.forward": lambda: RotationCodec(2, 8).double(),
-    "RotationCodec.spectrum": lambda: RotationCodec(2, 8).double(),
-    "RotationHead.loss": lambda: RotationHead("6d"),
+OBJECTS: dict[str, list[object]] = {
+    "RotationCodec.encode": [RotationCodec(2, 8).double()],
+    "RotationCodec.forward": [RotationCodec(2, 8).double()],
+    "RotationCodec.spectrum": [RotationCodec(2, 8).double()],
+    "RotationHead.loss": [RotationHead("6d")],
 }
 # What gives one number for all that is in the batch.
 OF_THE_WHOLE = {"vector_loss", "projection_loss"}
@@ -240,10 +240,8 @@ def call(function: FunctionType, values: dict[str, object], like: Values | None 
     """Of `values` as they are; what depends on their shapes is made for `like`."""
     name = function.__qualname__
     beside = BESIDE.get(name, lambda given: {})(like or values)
-    with torch.random.fork_rng(), torch.no_grad():
-        torch.manual_seed(0)  # the same weights each time
-        self = [SELVES[name]()] if name in SELVES else []
-        return function(*self, **values, **beside)
+    with torch.no_grad():
+        return function(*OBJECTS.get(name, ()), **values, **beside)
 
 
 # What they promise ------------------------------------------------------------------------------

@@ -12,6 +12,8 @@ from data_tools.__main__ import main
 from data_tools.worlds import tabletop
 from data_tools.worlds.world import Size
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def cache(tiny_cache, monkeypatch):
@@ -28,7 +30,6 @@ def empty(tmp_path, monkeypatch):
     return tmp_path / "cache"
 
 
-@pytest.mark.slow
 def test_make_check_clean(empty, monkeypatch, capsys):
     small = {"tiny": Size(24, 18, {"train": 5})}
     monkeypatch.setattr(tabletop, "WORLD", replace(tabletop.WORLD, sizes=small, shard_size=2))
@@ -69,7 +70,6 @@ def test_make_check_clean(empty, monkeypatch, capsys):
     assert "0.0 MB deleted" in capsys.readouterr().out
 
 
-@pytest.mark.slow
 def test_check_of_all_splits(cache, capsys):
     assert main(["check", "tabletop", "--scale", "tiny"]) == 0
     assert [line[-20:] for line in capsys.readouterr().out.splitlines()] == [
@@ -79,7 +79,6 @@ def test_check_of_all_splits(cache, capsys):
     ]
 
 
-@pytest.mark.slow
 def test_show(cache, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["show", "tabletop", "--count", "3", "--first", "8"]) == 0
@@ -92,7 +91,6 @@ def test_show(cache, tmp_path, monkeypatch, capsys):
     assert cv2.imread(output).shape[1] == 1200, "there are two more"
 
 
-@pytest.mark.slow
 def test_export_and_back(cache, tmp_path, capsys):
     folder = tmp_path / "bop"
     assert main(["export", str(folder), "--count", "3"]) == 0
@@ -173,7 +171,6 @@ def test_what_argparse_refuses(arguments, capsys):
     assert "usage" in capsys.readouterr().err
 
 
-@pytest.mark.slow
 def test_as_a_module(cache):
     command = [sys.executable, "-W", "error", "-m", "data_tools", "make", "tables"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -58,6 +58,7 @@ def test_what_was_measured_stands_beside_it():
     assert len(training_curves(losses, {"degrees": []}, []).axes) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", [[np.inf, np.inf], [1.0, np.inf], [np.nan, -1.0], [0.0, 0.0]])
 def test_what_is_no_number_is_left_out(values):
     figure = training_curves({"loss": [2.0, 1.0]}, {"degrees": values}, [1, 2])

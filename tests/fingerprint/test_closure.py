@@ -210,6 +210,7 @@ def test_the_library_itself() -> None:
     assert not any(module.startswith(("data_tools", "book")) for module in modules)
 
 
+@pytest.mark.slow
 def test_it_does_not_depend_on_the_folder(house: Path, tmp_path_factory) -> None:
     """Nor on the folder a kernel runs in, where another `book` may lie."""
     decoy = tmp_path_factory.mktemp("decoy") / "book" / "tools"

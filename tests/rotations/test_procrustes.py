@@ -165,6 +165,7 @@ def test_derivative_is_that_of_finite_differences(family: str, road: str) -> Non
     assert torch.autograd.gradcheck(special_procrustes, M, eps=1e-6, atol=1e-7, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", ["random", "rotations", "s_1 = s_2", "negative", "rank two"])
 def test_second_derivative_is_that_of_finite_differences(family: str, road: str) -> None:
     M = UNIQUE[family][:2].clone().requires_grad_()

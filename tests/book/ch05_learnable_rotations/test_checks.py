@@ -38,6 +38,7 @@ def angle(a: Tensor, b: Tensor) -> float:
     )
 
 
+@pytest.mark.slow
 class TestExercises(ExerciseTests):
     checks = checks
     solutions = SOLUTIONS

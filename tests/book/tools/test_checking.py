@@ -135,6 +135,7 @@ def test_a_fit_book_has_no_problems_and_nothing_stale(book):
         assert problems(book, only) == [] == stale(book, only)
 
 
+@pytest.mark.slow
 def test_the_book_is_fit():
     assert problems() == []
 
@@ -278,6 +279,7 @@ MARKS = ["raises-exception", "skip-execution", "nbval-skip", "nbval-raises-excep
 COMMENTS = ["NBVAL_SKIP", "NBVAL_RAISES_EXCEPTION", "NBVAL_IGNORE_OUTPUT"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "old, new",
     [("# %%\nassert", f'# %% tags=["{mark}"]\nassert') for mark in MARKS]
@@ -311,6 +313,7 @@ def printed(text, name="stdout"):
     return new_output("stream", name=name, text=text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "output, message",
     [

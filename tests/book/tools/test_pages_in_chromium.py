@@ -18,6 +18,8 @@ import pytest
 import websocket
 from PIL import Image
 
+pytestmark = pytest.mark.slow
+
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 PHONE, DESK = (390, 844), (1280, 900)
 

@@ -44,6 +44,7 @@ def test_a_bop_dataset_gives_the_same_batches(exported, tmp_path, stack_of):
         assert torch.allclose(got[name], expected[name], atol=1e-5), name
 
 
+@pytest.mark.slow
 def test_changed_files_are_another_dataset(exported, tmp_path):
     def name(**options):
         return identify(data_tools.open(f"bop:{copy}", split="test", **options))
@@ -84,6 +85,7 @@ def test_targets_are_another_dataset(exported, tmp_path):
     assert counts[0] > counts[1] == 4
 
 
+@pytest.mark.slow
 def test_worlds_are_known_by_what_they_were_made_from(cache):
     names = [identify(open_world(world)) for world in ("tabletop", "headset", "tabletop")]
     assert names[0] == names[2] != names[1]

@@ -67,6 +67,7 @@ def damage(kind, path):
     path.write_bytes({"empty": b"", "cut": data[:-100], "other": b"x" * 99}.get(kind, bytes(data)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["image", "table", "empty", "cut", "other"])
 def test_damage_is_found_named_and_mended(cache, tmp_path, kind):
     whole = small_world(tmp_path).frames(torch.arange(48))

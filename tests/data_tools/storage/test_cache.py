@@ -74,6 +74,7 @@ def test_what_is_not_ours_stays(cache, tmp_path):
     ), "all of ours is gone"
 
 
+@pytest.mark.slow
 @given(names=st.lists(st.from_regex(r"[a-zA-Z0-9._-]{1,12}", fullmatch=True), min_size=1))
 def test_files_of_any_other_name_stay(tmp_path_factory, names):
     root = tmp_path_factory.mktemp("cache")

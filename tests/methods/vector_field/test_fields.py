@@ -47,6 +47,7 @@ def make_batch(seed, images=3, objects=4, size=(12, 10), dtype=torch.float32):
 KEYPOINTS = torch.tensor(np.random.default_rng(0).uniform(-0.1, 0.1, (3, 4, 3)))
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 def test_vectors_lead_to_the_keypoints(seed):
     rng = np.random.default_rng(seed)
