@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from posecore.arrays import fail
 from posecore.fingerprint import PACKAGES, closure, digest
 
 __all__ = ["code_version", "remember_sources"]
@@ -27,10 +28,12 @@ def code_version(*roots: Callable[..., Any] | str) -> str:
         16 hexadecimal digits, the same for every order of the roots.
 
     Raises:
-        ValueError: if one is no function or module with a source.
+        ValueError: if there is none, or one is no function or module with a source.
         RuntimeError: if a definition was loaded and has been changed since `remember_sources`: what
             this process makes would be taken for what the new source makes.
     """
+    if not roots:
+        fail("roots", "at least one", "none")
     now = closure(*roots)
     edited = {name: data for name, (path, data) in _LOADED.items() if _bytes(path) != data}
     if edited:

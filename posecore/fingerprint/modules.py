@@ -59,11 +59,10 @@ def find_module(name: str, sources: Mapping[str, bytes] | None = None) -> Module
     Raises:
         ValueError: if it is no Python.
     """
-    path = _find_file(name)
-    if path is None:
-        return None
-    data = (sources or {}).get(name)
-    return _parsed(name, path, path.read_bytes() if data is None else data)
+    path, data = _find_file(name), (sources or {}).get(name)
+    if data is not None:  # also where the file is gone
+        return _parsed(name, path or Path(f"{name.rpartition('.')[2]}.py"), data)
+    return None if path is None else _parsed(name, path, path.read_bytes())
 
 
 @lru_cache(maxsize=1024)
