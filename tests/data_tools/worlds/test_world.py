@@ -1,4 +1,5 @@
 import functools
+import importlib
 import pickle
 import subprocess
 import sys
@@ -43,7 +44,6 @@ PAIRS = World(
     sizes=SIZES,
     record=record,
     views=views,
-    modules=(),
     object_ids=(3, 1),
     views_per_record=2,
     shard_size=2,
@@ -157,6 +157,69 @@ def test_random_numbers_belong_to_the_record(index, other, split):
     assert (here == draw(PAIRS, split, "tiny", other)) == (index == other)
 
 
+MADE_UP = """
+import functools
+
+from data_tools.shapes import make_object
+from data_tools.worlds.world import Size, World, WorldModels
+
+FAINTEST = 7
+TALLEST = 3
+
+
+def record(recipe, index):
+    return {"shade": FAINTEST + index}
+
+
+def views(recipe, index, record):
+    return [index]
+
+
+def mesh(number):
+    return make_object(number + TALLEST)
+
+
+def nobody():
+    return 1
+
+
+MODELS = WorldModels({1: functools.partial(mesh, 1)})
+SIZES = {scale: Size(4, 3, {"train": 5}) for scale in ("tiny", "book", "paper")}
+WORLD = World(
+    name="made-up", sizes=SIZES, record=record, views=views, object_ids=(1,), models=MODELS
+)
+"""
+
+
+@pytest.mark.parametrize(
+    "old, new, counts",
+    [
+        ("FAINTEST = 7", "FAINTEST = 8", True),
+        ("return [index]", "return [index, index]", True),
+        ("TALLEST = 3", "TALLEST = 4", True),
+        ("return 1", "return 2", False),
+        ("FAINTEST = 7", "FAINTEST = 7  # of 255", False),
+        ("def mesh(number):", 'def mesh(number: int):\n    """The only one."""', False),
+        ("(4, 3,", "(4, 6,", True),  # by its recipe
+        ("5}", "6}", True),
+    ],
+)
+def test_a_world_lies_where_its_own_code_and_recipe_say(old, new, counts, tmp_path, monkeypatch):
+    """Of records, views and meshes: what is edited elsewhere makes no world anew."""
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    folders = []
+    for text in (MADE_UP, MADE_UP.replace(old, new)):
+        (tmp_path / "made_up_world.py").write_text(text)
+        sys.modules.pop("made_up_world", None)
+        importlib.invalidate_caches()
+        world = importlib.import_module("made_up_world").WORLD
+        assert [code.__name__ for code in world.code[:2]] == ["record", "views"]
+        folders.append(world.store("train", "book").folder)
+    del sys.modules["made_up_world"]
+    assert MADE_UP != text and (folders[0] != folders[1]) == counts
+
+
 def test_models():
     meshes = {5: make_object(4), 2: make_object(3)}
     asked = []
@@ -191,6 +254,7 @@ def test_the_door():
     assert len(data_tools.open("tabletop", split="train", scale="paper")) == 20_000
 
 
+@pytest.mark.slow
 def test_one_process_or_two(cache):
     small = {"tiny": Size(32, 24, {"easy": 4})}
     world = replace(tabletop.WORLD, name="small", sizes=small, shard_size=2)
@@ -220,6 +284,7 @@ print(__file__ == sys.argv[0], __spec__)
 """
 
 
+@pytest.mark.slow
 def test_a_script_needs_no_main_guard(tmp_path):
     """Other processes do not run it again, and it gets back what is hidden from them."""
     path = tmp_path / "script.py"
