@@ -15,6 +15,8 @@ from posecore.cameras import project, resize_intrinsics
 from posecore.rotations import special_procrustes
 from tests.data_tools.batches.conftest import load, make_view
 
+pytestmark = pytest.mark.slow
+
 OFF = Augmentation.none()
 GEOMETRY = Augmentation(**{**vars(OFF), "turn": np.pi, "shift": 0.3, "zoom": 1.6})
 COVERS = Augmentation(**{**vars(GEOMETRY), "background": 0.5, "occluder": 1.0, "keep": 0.4})
@@ -48,7 +50,6 @@ def mesh_of(world, object_id):
     return prepare(CATEGORIES.models.mesh(int(object_id)))
 
 
-@pytest.mark.slow
 @every_world
 def test_whole_images_are_the_views(world, stack_of, views_of):
     stack, views = stack_of(world), views_of(world)
@@ -100,7 +101,6 @@ def test_points_are_where_the_image_shows_them(stack_of, seed, world, whole):
     assert torch.allclose(batch["t"][:, 2], stack.t[rows, 2].float(), atol=1e-6)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("world, size", [("tabletop", 64), ("tabletop", 24), ("categories", 64)])
 def test_masks_are_what_a_renderer_draws_with_the_new_pose(stack_of, world, size, seed):

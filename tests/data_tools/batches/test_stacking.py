@@ -15,6 +15,7 @@ from data_tools.views import ObjectView
 from tests.data_tools.batches.conftest import K, Listed, load, make_view, open_world
 
 
+@pytest.mark.slow
 def test_triples(stack_of):
     stack = stack_of("headset")
     assert stack.groups.tolist() == np.arange(48).reshape(16, 3).tolist()
@@ -28,6 +29,7 @@ def test_triples(stack_of):
         assert torch.equal(batch[name], flat[name])
 
 
+@pytest.mark.slow
 def test_the_second_time_nothing_is_decoded(stack_of, cache, monkeypatch):
     stack = stack_of("tabletop")
 
@@ -80,6 +82,7 @@ def test_damage_is_found_named_and_mended(cache, tmp_path, kind):
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_half_written_files_do_no_harm(cache, tmp_path):
     small_world(tmp_path)
     (path,) = tmp_path.rglob("*.shard")
@@ -97,6 +100,7 @@ def test_clean_takes_it_away(cache, tmp_path, monkeypatch):
     assert not list(tmp_path.rglob("*.shard"))
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_nothing_half(cache, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")

@@ -6,6 +6,8 @@ import torch
 
 from tests.data_tools.batches.conftest import load, make_view
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("world", ["categories", "headset", "tabletop"])
 def test_the_table_is_that_of_the_views(world, stack_of, views_of):

@@ -44,6 +44,7 @@ def test_the_frame_is_that_of_the_glasses():
         assert tip[:, 2].min() < -0.001  # the nose stands out before the lenses
 
 
+@pytest.mark.slow
 def test_twelve_subjects_differ():
     for one, two in combinations(SEEDS, 2):
         a, b = subject(one), subject(two)
@@ -53,6 +54,7 @@ def test_twelve_subjects_differ():
         assert not np.array_equal(a.head.vertices[:100], b.head.vertices[:100])
 
 
+@pytest.mark.slow
 def test_hair_and_beards_come_in_turns():
     people = [subject(seed) for seed in range(16)]
     assert {person.hair for person in people} == set(HAIR)

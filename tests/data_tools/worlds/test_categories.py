@@ -23,6 +23,8 @@ from data_tools.worlds.world import Size
 from posecore.cameras import project
 from posecore.poses import apply
 
+pytestmark = pytest.mark.slow
+
 FEW = replace(WORLD, sizes={"tiny": Size(64, 64, {"train": 18, "synthetic": 6, "shifted": 12})})
 
 
@@ -49,7 +51,6 @@ def test_sizes_of_the_splits():
     assert dict(book.counts) == {"train": 3600, "synthetic": 360, "shifted": 360}
 
 
-@pytest.mark.slow
 def test_a_view_is_about_one_object_and_categories_come_in_turns(views):
     for view in views:
         assert view.rgb.shape == (64, 64, 3)
@@ -208,7 +209,6 @@ def test_a_scene_at_paper_scale_has_several_objects():
         assert np.sum([item.mask for item in view.objects], axis=0).max() == 1
 
 
-@pytest.mark.slow
 def test_same_bytes_in_another_process(two_processes):
     """Whatever was made before: here in the opposite order."""
     recipe, indices = WORLD.recipe("shifted", "tiny"), [0, 3, 8, 11]

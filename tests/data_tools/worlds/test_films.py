@@ -8,6 +8,8 @@ from data_tools.worlds.headset import cameras
 from posecore import metrics
 from posecore.poses import from_matrix, relative
 
+pytestmark = pytest.mark.slow
+
 SIZE = (48, 28)
 
 
@@ -48,7 +50,6 @@ def test_neighbours_in_time_are_alike_and_the_head_moves_in_the_long_run():
     assert np.degrees(metrics.rotation_error(rotations, rotations[:1])).max() > 15
 
 
-@pytest.mark.slow
 def test_at_a_higher_rate_neighbours_are_more_alike():
     steps = []
     for rate, frames in ((10, 60), (60, 360)):

@@ -19,6 +19,8 @@ from posecore.cameras import project
 from posecore.poses import apply, from_matrix, to_matrix
 from posecore.rotations import euler_to_matrix, is_rotation
 
+pytestmark = pytest.mark.slow
+
 FEW = replace(WORLD, sizes={"tiny": Size(80, 47, {"train": 18, "test": 12})})
 ANGLES = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
 
@@ -30,7 +32,6 @@ def triples(tiny_views):
     return [views[i : i + 3] for i in range(0, len(views), 3)]
 
 
-@pytest.mark.slow
 def test_sizes_of_the_splits(tiny_views):
     for name, size, counts in (
         ("tiny", (80, 47), {"train": 48, "test": 16}),
@@ -45,7 +46,6 @@ def test_sizes_of_the_splits(tiny_views):
     assert len({view.image_id for view in views}) == len(views)
 
 
-@pytest.mark.slow
 def test_no_driver_is_in_both_splits_and_all_wear_all_glasses(tiny_views):
     for scale in ("tiny", "book"):
         drivers = {}
@@ -215,7 +215,6 @@ def test_cameras_see_the_driver(width, height):
     assert max(eye[2] for eye in eyes) < -0.5
 
 
-@pytest.mark.slow
 def test_same_bytes_in_another_process(two_processes):
     """Whatever was made before: here in the opposite order."""
     recipe, indices = WORLD.recipe("train", "tiny"), [0, 14, 29, 43]

@@ -12,6 +12,8 @@ from data_tools.worlds.tabletop import KINDS, WORLD, intrinsics, record, silhoue
 from data_tools.worlds.world import Size
 from posecore.cameras import project
 
+pytestmark = pytest.mark.slow
+
 MESHES = {i: make_object(i) for i in range(1, 9)}
 PREPARED = {i: prepare(mesh) for i, mesh in MESHES.items()}
 HULLS = {i: ConvexHull(mesh.vertices) for i, mesh in MESHES.items()}
@@ -52,7 +54,6 @@ def test_sizes():
     }
 
 
-@pytest.mark.slow
 def test_views(made):
     for number, split in enumerate(SPLITS):
         assert len(made[split]) == WORLD.sizes["tiny"].counts[split]
@@ -152,7 +153,6 @@ def test_objects_lie_on_the_table(tables):
             assert np.linalg.norm(points[:, :2], axis=1).max() < 1.2
 
 
-@pytest.mark.slow
 def test_no_object_is_in_another(every):
     for view in every:
         for one, other in combinations(view.objects, 2):

@@ -18,6 +18,8 @@ from data_tools.worlds.tabletop_scenes import (
 )
 from posecore.cameras import project
 
+pytestmark = pytest.mark.slow
+
 SEEDS = st.integers(0, 2**32)
 SCENES = settings(max_examples=12)
 

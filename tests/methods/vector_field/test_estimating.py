@@ -13,8 +13,9 @@ from posecore.__main__ import main
 from posecore.methods.vector_field.systems import STAGES, Estimate, VectorFieldSystem
 from tests.methods.vector_field.commands import estimate_words, refused
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 @pytest.mark.parametrize("system", ["OPEPL", "OPEPL-R", "OPEPL-DR"])
 def test_from_a_run_to_figures(run, source, tmp_path, capsys, system):
     output, report = tmp_path / "out.csv", tmp_path / "report.json"
@@ -32,7 +33,6 @@ def test_from_a_run_to_figures(run, source, tmp_path, capsys, system):
     assert json.loads(report.read_text())["poses"]["estimated"]["all poses"] > 0
 
 
-@pytest.mark.slow
 def test_true_poses_are_all_right(run, source, tmp_path, monkeypatch):
     """Units, cameras, colours and the numbers of images on their way through files."""
     dataset = data_tools.open(source, split="test")

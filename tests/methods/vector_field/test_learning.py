@@ -16,6 +16,8 @@ from posecore.methods.vector_field.models import ObjectModel, object_models
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.training import fit, seeded
 
+pytestmark = pytest.mark.slow
+
 IDS = (1, 3)
 
 
@@ -41,7 +43,6 @@ def same(a, b):
     return a.keys() == b.keys() and all(torch.equal(a[name], b[name]) for name in a)
 
 
-@pytest.mark.slow
 def test_a_window_shows_what_its_labels_say(windows, models):
     batch = next(iter(windows(count=8, shift=0, augment=batches.Augmentation(), visible=0.5)))
     assert batch["rgb"].shape == (8, 3, 48, 48) and batch["instance"].shape == (8, 48, 48)
@@ -235,7 +236,6 @@ def test_gathered_first_the_loss_is_that_of_whole_images(windows, models, projec
         torch.testing.assert_close(gathered[name], value, rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.slow
 def test_training_lowers_the_loss(stack, models):
     with seeded(0):
         net = VectorFieldNet(2, width=8)

@@ -15,6 +15,8 @@ from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.methods.vector_field.runs import read_run
 from tests.methods.vector_field.commands import WEIGHTS, estimate_words, refused
 
+pytestmark = pytest.mark.slow
+
 
 def test_a_run_holds_all_that_its_models_need(run, source):
     assert not list(run.glob(".*"))

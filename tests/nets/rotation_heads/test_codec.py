@@ -78,6 +78,7 @@ def test_training_reports_a_falling_loss() -> None:
     assert np.mean(losses[-10:]) < losses[0] / 20
 
 
+@pytest.mark.slow
 def test_geodesic_loss() -> None:
     reports: list[float] = []
     options = {"seed": 1, "steps": 60, "batch": 64}
@@ -266,6 +267,7 @@ def test_any_batch_and_arrays(small: RotationCodec, batch: tuple) -> None:
     assert np.array_equal(small.encode(R.numpy()), small.encode(R).detach().numpy())
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**31), st.integers(1, 10), st.integers(1, 20))
 def test_a_codec_of_any_size(seed: int, octaves: int, width: int) -> None:
     codec = train_codec(seed=seed, steps=1, batch=2, octaves=octaves, width=width)
