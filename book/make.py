@@ -33,6 +33,23 @@ from book.tools.contents import BOOK, Page, find_page, pages  # noqa: E402
 from posecore.scale import SCALES  # noqa: E402
 
 
+def new(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
+    """Write the skeleton of a chapter and its method: all that the checks ask for, in small."""
+    from book.tools.new import new as write
+
+    number = arguments.number.zfill(2)
+    files = write(number, arguments.name, arguments.method, BOOK.parent)
+    for path in files:
+        print(path.relative_to(BOOK.parent).as_posix())
+    print(
+        f"{len(files)} files. Now:\n"
+        f"  python book/make.py claims {number}    measure its claim, over three seeds\n"
+        f"  python book/make.py execute {number}   run the page and store what it shows\n"
+        f"  python book/make.py check {number}     is it fit to be committed?\n"
+        f"and after each edit of page or solutions  python book/make.py pair {number}"
+    )
+
+
 def pair(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     """Bring both sides of pages and solutions in step; generate the exercises."""
     from book.tools import exercises, pairs
@@ -131,7 +148,7 @@ def check(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
 
 
 COMMANDS: tuple[Callable[[Sequence[Page], argparse.Namespace], None], ...] = (
-    *(pair, execute, strip, start, train, claims, site, check),
+    *(new, pair, execute, strip, start, train, claims, site, check),
 )
 
 
@@ -162,7 +179,11 @@ def _parser() -> argparse.ArgumentParser:
         words = function.__doc__.rstrip(".")
         command = commands.add_parser(function.__name__, help=words, description=words)
         command.set_defaults(command=function)
-        if function is not site:
+        if function is new:
+            command.add_argument("number", metavar="NN", help="of the chapter")
+            command.add_argument("name", help="small letters, digits and _")
+            command.add_argument("--method", help="name in posecore/methods; default: the same")
+        elif function is not site:
             command.add_argument(
                 "pages", nargs="*", metavar="PAGE", help="number or name; without any, all pages"
             )

@@ -1,0 +1,187 @@
+"""`make.py new`: what it writes passes the checks as it is, and nothing is written half."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from book.tools import new as module
+from book.tools.checking import problems
+from book.tools.contents import ROOT, find_page, pages
+from book.tools.new import ENDING, LONGEST_NAME, SKELETON, new
+
+METHODS = '"""Methods."""\n\n__all__ = ["METHODS"]\n\nMETHODS = ("vector_field",)\n"""Names."""\n'
+CONTENTS = """# The pages.
+
+[[page]]
+name = "index"
+
+[[page]]
+name = "02_worlds"
+exercises = true
+
+[[page]]
+name = "05_rotations"
+"""
+LONG = "z" * LONGEST_NAME
+# In the project itself the linter finds what imports are the project's own.
+PACKAGES = ["book", "data_tools", "posecore", "tests"]
+OURS = ["--config", f"lint.isort.known-first-party={PACKAGES}"]
+
+
+@pytest.fixture
+def root(tmp_path):
+    """As much of a project as it needs to find."""
+    for path, text in (
+        ("book/site/contents.toml", CONTENTS),
+        ("posecore/methods/__init__.py", METHODS),
+        ("posecore/methods/training.py", '"""What is shared."""\n'),
+        ("posecore/methods/vector_field/__init__.py", ""),
+    ):
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text(text)
+    shutil.copyfile(ROOT / "pyproject.toml", tmp_path / "pyproject.toml")
+    return tmp_path
+
+
+def everything(root):
+    return {path: path.is_file() and path.read_bytes() for path in root.rglob("*")}
+
+
+def lint(root):
+    for words in (["check", *OURS], ["format", "--check"]):
+        command = [sys.executable, "-m", "ruff", *words, "--no-cache", root]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize(
+    ("number", "name", "place"),
+    [("3", "a", 2), ("1", "head_pose", 1), ("06", "clouds", 3), ("99", LONG, 3)],
+)
+def test_a_page_takes_its_place_and_a_method_its_name(root, number, name, place):
+    written = new(number, name, root=root)
+    page = f"{number.zfill(2)}_{name}"
+    found = pages(root / "book")
+    assert found[place].name == page and found[place].exercises
+    text = (root / "book" / "site" / "contents.toml").read_text()
+    entry = f'[[page]]\nname = "{page}"\nexercises = true\n'
+    assert text in {CONTENTS.replace(old, new) for old, new in (
+        ('[[page]]\nname = "02', f'{entry}\n[[page]]\nname = "02'),
+        ('[[page]]\nname = "05', f'{entry}\n[[page]]\nname = "05'),
+        ('05_rotations"\n', f'05_rotations"\n\n{entry}'),
+    )}  # fmt: skip
+    changed = (root / "posecore" / "methods" / "__init__.py").read_text()
+    assert changed == METHODS.replace('"vector_field",', f'"vector_field", "{name}"')
+    assert all(path.is_file() for path in written)
+    templates = [path for path in SKELETON.rglob("*") if path.is_file()]
+    # Two sources have notebooks, one of them a student's, too; and two files are changed.
+    assert len(written) == len(templates) + 5
+    assert all(path.name.endswith(".py" + ENDING) for path in templates)
+
+
+@pytest.mark.parametrize("names", [["a"], ["clouds", "infrared"], [LONG]])
+def test_what_is_written_is_as_the_linter_wants_it(root, names):
+    new("3", *names, root=root)
+    lint(root)
+
+
+def test_many_methods_stand_in_lines_of_their_own(root):
+    path = root / "posecore" / "methods" / "__init__.py"
+    path.write_text(METHODS.replace('("vector_field",)', f'("vector_field", "{"y" * 70}")'))
+    new("3", "clouds", root=root)
+    assert '    "vector_field",\n' in path.read_text()
+    lint(root)
+
+
+def test_all_that_is_left_to_do_is_to_run_it(root):
+    new("3", "clouds", "infrared", root)
+    page = find_page("3", root / "book")
+    assert problems(root / "book", [page]) == ["03_clouds: never executed; run make.py execute"]
+    for part in (".", "solutions"):
+        source = root / "book" / part / "03_clouds.py"
+        assert source.stat().st_mtime_ns >= source.with_suffix(".ipynb").stat().st_mtime_ns
+    written = "\n".join(p.read_text() for p in root.rglob("*.py") if "methods/v" not in str(p))
+    assert not [word for word in ("NN_", "NN ", "TITLE", "METHOD ", "METHOD.") if word in written]
+    assert "posecore.methods.infrared.network" in written and "# # Clouds\n" in written
+
+
+@pytest.mark.parametrize(
+    ("number", "words", "message"),
+    [
+        ("5", ["clouds"], "page: expected a number and a name that are free, got those of 05_r"),
+        ("03", ["rotations"], "page: expected a number and a name that are free"),
+        ("003", ["clouds"], "number: expected one or two digits, got '003'"),
+        ("x", ["clouds"], "number: expected one or two digits, got 'x'"),
+        ("3", ["Clouds"], "name: expected at most 30 small letters, digits and _, got 'Clouds'"),
+        ("3", ["to-pose"], "name: expected"),
+        ("3", ["../clouds"], "name: expected"),
+        ("3", [""], "name: expected"),
+        ("3", [LONG + "z"], "name: expected at most 30"),
+        ("3", ["clouds", "3d"], "method: expected at most 30 small letters"),
+        ("3", ["clouds", "vector_field"], "method: expected a name that is free"),
+        ("3", ["clouds", "training"], "method: expected a name that is free"),
+        ("3", ["clouds", "class"], "method: expected a name that is no word of Python's"),
+    ],
+)
+def test_names_that_cannot_be(root, number, words, message):
+    before = everything(root)
+    with pytest.raises(ValueError) as caught:
+        new(number, *words, root=root)
+    assert str(caught.value).startswith(message)
+    assert everything(root) == before
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["book/03_clouds.ipynb", "book/solutions/03_clouds.py", "tests/methods/clouds/test_losses.py"],
+)
+def test_a_file_that_is_there_stays_and_stays_alone(root, name):
+    (root / name).parent.mkdir(parents=True, exist_ok=True)
+    (root / name).write_text("somebody's work")
+    before = everything(root)
+    with pytest.raises(ValueError, match=f"name: expected files that are not .*, got {name}"):
+        new("3", "clouds", root=root)
+    assert everything(root) == before
+
+
+@pytest.mark.parametrize("count", [0, 1, 12, 23])
+def test_where_the_disk_is_full_nothing_is_left(root, monkeypatch, count):
+    real, calls = module.write_bytes, []
+
+    def full(path, data):
+        calls.append(path)
+        if len(calls) == count + 1:
+            raise OSError(28, "No space left on device")
+        real(path, data)
+
+    before = everything(root)
+    monkeypatch.setattr(module, "write_bytes", full)
+    with pytest.raises(OSError, match="No space left"):
+        new("3", "clouds", root=root)
+    assert everything(root) == before
+
+
+@pytest.mark.slow
+def test_its_own_tests_pass_in_a_project_of_its_own(tmp_path):
+    """Beside floors and the command line; the page itself runs as every page does."""
+    ignored = shutil.ignore_patterns("__pycache__", "_build", "my_work", "real", ".*")
+    for part in ("book", "posecore", "data_tools", "tests"):
+        shutil.copytree(ROOT / part, tmp_path / part, ignore=ignored)
+    shutil.copyfile(ROOT / "pyproject.toml", tmp_path / "pyproject.toml")
+    environment = os.environ | {"PYTHONPATH": str(tmp_path), "OMP_NUM_THREADS": "1"}
+
+    def run(*words):
+        done = subprocess.run(
+            [sys.executable, *words], cwd=tmp_path, env=environment, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    assert "make.py claims 97" in run("book/make.py", "new", "97", "rehearsal")
+    run("-m", "ruff", "check", "--no-cache", ".")
+    chapter, method = "tests/book/ch97_rehearsal", "tests/methods/rehearsal"
+    with_it = ["tests/test_floors.py", "tests/methods/test_main.py", "-k", "rehearsal or circle"]
+    run("-m", "pytest", "-n0", "-q", "-p", "no:cacheprovider", chapter, method, *with_it)
