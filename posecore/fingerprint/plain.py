@@ -6,6 +6,7 @@ import ast
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from posecore.fingerprint.modules import origins
 
@@ -116,10 +117,9 @@ class _Writer:
         body = node.body if isinstance(node.body, list) else [ast.Return(node.body)]
         names = ",".join(_arguments(node.args))
         # Imports first: a function may use them above where they stand, in a function inside it.
-        for inner in ast.walk(node):
-            if isinstance(inner, ast.Import | ast.ImportFrom):
-                self.imports |= origins(inner, self.package)
-                self.local -= set(origins(inner, self.package))
+        for inner in _imports(node):
+            self.imports |= origins(inner, self.package)
+            self.local -= set(origins(inner, self.package))
         text = f"{outside}{type(node).__name__} {getattr(node, 'name', '')}({names}){defaults}"
         text += self.block(body, False)
         self.local, self.imports = local, imports
@@ -240,6 +240,15 @@ def _arguments(arguments: ast.arguments) -> list[str]:
     return names + ([f"**{arguments.kwarg.arg}"] if arguments.kwarg else [])
 
 
+# What a function's own text says is looked for once: many closures meet the same functions.
+
+
+@lru_cache(maxsize=8192)
+def _imports(function: ast.AST) -> tuple[ast.Import | ast.ImportFrom, ...]:
+    return tuple(n for n in ast.walk(function) if isinstance(n, ast.Import | ast.ImportFrom))
+
+
+@lru_cache(maxsize=8192)
 def _bound(function: ast.AST) -> set[str]:
     """The names that a function gives values itself, its arguments among them."""
     names = {a.strip("*") for a in _arguments(function.args)}  # type: ignore[attr-defined]
@@ -269,5 +278,6 @@ def _inside(node: ast.AST) -> Iterator[ast.AST]:
             yield from _inside(child)
 
 
+@lru_cache(maxsize=8192)
 def _globals(function: ast.AST) -> set[str]:
     return {n for inner in ast.walk(function) if isinstance(inner, ast.Global) for n in inner.names}
