@@ -12,6 +12,7 @@ from posecore.fingerprint import PACKAGES, closure, digest
 
 __all__ = ["code_version", "remember_sources"]
 
+FINDING = ("posecore.fingerprint",)  # finds definitions, and changes none
 _LOADED: dict[str, tuple[Path, bytes]] = {}  # sources of loaded modules, as they were at first
 
 
@@ -34,10 +35,10 @@ def code_version(*roots: Callable[..., Any] | str) -> str:
     """
     if not roots:
         fail("roots", "at least one", "none")
-    now = closure(*roots)
+    now = closure(*roots, without=FINDING)
     edited = {name: data for name, (path, data) in _LOADED.items() if _bytes(path) != data}
     if edited:
-        loaded = closure(*roots, sources=edited)
+        loaded = closure(*roots, without=FINDING, sources=edited)
         if loaded.definitions != now.definitions:
             names = sorted({name for name, _ in loaded.definitions ^ now.definitions})
             raise RuntimeError(
