@@ -5,13 +5,14 @@ would be missed, and its edits would go unnoticed. So every measurement, trainin
 at `tiny` here and watched.
 """
 
+import ast
+import functools
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import CodeType, FrameType
 
+import coverage
 import pytest
 import torch
 
@@ -38,44 +39,46 @@ def _experiments() -> list[tuple[Page, str]]:
 
 
 @contextmanager
-def watched() -> Iterator[set[CodeType]]:
-    """The code of this project that runs inside, without what only an import runs."""
-    ran: set[CodeType] = set()
-
-    def look(frame: FrameType, event: str, argument: object) -> None:
-        code = frame.f_code
-        if code in ran or not code.co_filename.startswith(OURS) or code.co_name == "<module>":
-            return
-        above = frame.f_back
-        while above is not None:
-            if above.f_code.co_name == "<module>" and above.f_code.co_filename.startswith(OURS):
-                return
-            above = above.f_back
-        ran.add(code)
-
-    before = sys.gettrace()
-    threading.settrace(look)
-    sys.settrace(look)
+def watched() -> Iterator[dict[Path, set[int]]]:
+    """The lines of this project that run inside, in any thread, by file."""
+    ran: dict[Path, set[int]] = {}
+    watch = coverage.Coverage(data_file=None, config_file=False, include=[f"{o}*" for o in OURS])
+    watch.start()
     try:
         yield ran
     finally:
-        sys.settrace(before)
-        threading.settrace(None)  # type: ignore[arg-type]
+        watch.stop()
+        data = watch.get_data()
+        ran |= {Path(file): set(data.lines(file) or ()) for file in data.measured_files()}
 
 
-def strangers(ran: set[CodeType], *known: Closure) -> list[str]:
-    """What ran and lies in none of the closures."""
-    lines: dict[str, set[int]] = {}
+def strangers(ran: dict[Path, set[int]], *known: Closure) -> list[str]:
+    """The functions that ran and lie in none of the closures."""
+    ours: dict[Path, set[int]] = {}
     for one in known:
         for path, first, last in one.lines:
-            lines.setdefault(str(path), set()).update(range(first, last + 1))
-    found = {
-        f"{Path(code.co_filename).relative_to(HOME)}:{code.co_firstlineno} {code.co_qualname}"
-        for code in ran
-        if code.co_firstlineno not in lines.get(code.co_filename, set())
-        and not code.co_filename.startswith(NOT_COUNTED)
-    }
+            ours.setdefault(path, set()).update(range(first, last + 1))
+    found = set()
+    for path, lines in ran.items():
+        if str(path).startswith(NOT_COUNTED):
+            continue
+        for line in lines - ours.get(path, set()):
+            for first, last, name in functions(path):
+                if first <= line <= last:
+                    found.add(f"{path.relative_to(HOME)}: {name}")
     return sorted(found)
+
+
+@functools.cache
+def functions(path: Path) -> list[tuple[int, int, str]]:
+    """First and last line of the body of every function; what stands outside only imports run."""
+    tree = ast.parse(path.read_bytes())
+    kinds = ast.FunctionDef | ast.AsyncFunctionDef
+    return [
+        (node.body[0].lineno, node.end_lineno or 0, node.name)
+        for node in ast.walk(tree)
+        if isinstance(node, kinds)
+    ]
 
 
 @pytest.fixture
@@ -124,7 +127,7 @@ def test_what_a_measurement_runs_and_opens_is_known(page: Page, name: str, opene
     worlds = {open_world(source, "tiny").world for source in one.data}
     known = [closure(*world.code, refusals=True) for world in worlds]
     assert strangers(ran, code_of(one.function, one.data, refusals=True), *known) == []
-    assert len(ran) > 10
+    assert len(ran) > 5
     assert opened == set(one.data)
 
 
@@ -132,16 +135,17 @@ def test_what_a_measurement_runs_and_opens_is_known(page: Page, name: str, opene
 def test_what_a_world_runs_is_known(name: str):
     world = open_world(f"{name}/train", "tiny").world
     known = closure(*world.code, refusals=True)
+    recipes = {split: world.recipe(split, "tiny") for split in world.splits}
+    makers = [world.models.makers[object_id] for object_id in world.models.ids[:3]]
     forget()
     with watched() as ran:
-        for split in world.splits:
-            recipe = world.recipe(split, "tiny")
+        for split, recipe in recipes.items():
             for index in range(5 if split == "train" else 2):
                 world.views(recipe, index, world.record(recipe, index))
-        for object_id in world.models.ids[:3]:
-            world.models.makers[object_id]()
+        for make in makers:
+            make()
     assert strangers(ran, known) == []
-    assert any(code.co_filename.endswith("renderer/shading.py") for code in ran)
+    assert HOME / "data_tools" / "renderer" / "shading.py" in ran
 
 
 def test_the_watch_sees_what_is_missing():
@@ -153,5 +157,5 @@ def test_the_watch_sees_what_is_missing():
         world.record(recipe, 0)
     known = closure("data_tools.worlds.tabletop:intrinsics", refusals=True)
     found = strangers(ran, known)
-    assert any("record" in line for line in found)
-    assert not any(line.endswith(" intrinsics") for line in found)
+    assert "data_tools/worlds/tabletop.py: record" in found
+    assert "data_tools/worlds/tabletop.py: intrinsics" not in found
