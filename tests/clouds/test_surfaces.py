@@ -88,6 +88,7 @@ def test_chamfer_of_copies_of_one_point(shift):
 # Normals
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_normals_are_the_last_principal_component(seed):
     rng = np.random.default_rng(seed)

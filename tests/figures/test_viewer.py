@@ -122,6 +122,7 @@ def test_labels_cannot_end_the_script():
     assert _payload(text)["parts"][0]["label"] == "</script><img src=x>"
 
 
+@pytest.mark.slow
 def test_every_figure_has_an_id_of_its_own():
     viewer = _viewer()
     pages = [viewer.html(), viewer.html(), viewer._repr_html_(), _viewer().html()]
@@ -145,6 +146,7 @@ def test_notebooks_store_the_page_and_the_still_picture():
     assert data["text/plain"] == metadata["image/png"]["alt"] == viewer.alt
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coloured", [False, True])
 def test_five_thousand_points_are_less_than_150_kb(coloured):
     rng = np.random.default_rng(0)

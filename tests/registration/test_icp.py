@@ -229,6 +229,7 @@ def depth_of_ellipsoid(R, t, wall=0.9):
     return np.where(root > 0, (-b - np.sqrt(np.maximum(root, 0))) / a, wall)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 def test_a_computed_depth_image_is_met(seed):
     depth = depth_of_ellipsoid(TRUE_R, TRUE_T)

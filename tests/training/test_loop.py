@@ -251,6 +251,7 @@ class Stopped(Exception):
     pass
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(
     stops=st.lists(st.integers(0, 11), max_size=4),

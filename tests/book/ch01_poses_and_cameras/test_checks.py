@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,6 +20,7 @@ class TestExercises(ExerciseTests):
     every_line_says = ("expected", "got")
 
 
+@pytest.mark.slow
 @given(st.floats(0.01, 0.3), st.floats(-0.02, 0.02))
 @settings(max_examples=20)
 def test_the_open_exercise_is_judged_by_its_property(slide: float, aside: float) -> None:

@@ -165,6 +165,7 @@ def test_an_older_entry_does_not_say_what_it_was_made_from(
 SEEN = {"data": ("specks/train",)}
 
 
+@pytest.mark.slow
 def test_what_makes_or_reads_a_dataset_counts_for_those_who_declare_it(
     folio: Path, path: Path, tmp_path: Path
 ) -> None:
@@ -195,6 +196,7 @@ def test_what_makes_or_reads_a_dataset_counts_for_those_who_declare_it(
     assert changed(path) == ()
 
 
+@pytest.mark.slow
 def test_a_dataset_that_is_gone(folio: Path, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from data_tools.readers import READERS
 

@@ -68,6 +68,7 @@ def test_changed_files_are_another_dataset(exported, tmp_path):
     assert name() != before
 
 
+@pytest.mark.slow
 def test_targets_are_another_dataset(exported, tmp_path):
     """The same images, but not the same objects in them."""
     first = {}

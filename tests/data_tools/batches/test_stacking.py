@@ -90,6 +90,7 @@ def test_half_written_files_do_no_harm(cache, tmp_path):
     assert len(small_world(tmp_path)) == 48
 
 
+@pytest.mark.slow
 def test_clean_takes_it_away(cache, tmp_path, monkeypatch):
     small_world(tmp_path)
     files = list(tmp_path.rglob("*.shard"))

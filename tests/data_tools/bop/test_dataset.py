@@ -299,6 +299,7 @@ def test_damage_is_refused(tree, damage, message):
         everything(tree)
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(data=st.data())
 def test_any_byte_of_any_file_may_be_wrong(toy, data):

@@ -413,6 +413,7 @@ def test_what_is_not_known_is_counted(world, tmp_path):
     assert info["bbox_visib"] == world.views[0].objects[0].box.tolist()
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(data=st.data())
 def test_any_views_come_back(tmp_path_factory, data):

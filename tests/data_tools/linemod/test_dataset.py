@@ -431,6 +431,7 @@ def test_own_objects_without_lists_have_no_splits(own):
         LinemodDataset(own.path, "train")
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(data=st.data())
 def test_any_byte_of_any_file_may_be_wrong(all_layouts, data):

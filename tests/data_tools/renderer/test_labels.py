@@ -48,6 +48,7 @@ def embree(objects, poses, camera, size, near):
     return depth.reshape(-1, height, width)
 
 
+@pytest.mark.slow
 def test_agrees_with_embree(make_scene):
     wrong = pixels = cut = 0
     errors = []
@@ -68,6 +69,7 @@ def test_agrees_with_embree(make_scene):
     assert np.percentile(np.concatenate(errors), 99) < 1e-5  # 0.01 mm
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1))
 def test_masks_boxes_and_fractions(make_scene, cast_rays, seed):

@@ -148,6 +148,7 @@ def test_a_pixel_looks_forward_only():
 PLACES = st.floats(-1e4, 1e4)
 
 
+@pytest.mark.slow
 @given(
     pixels=st.lists(st.tuples(PLACES, PLACES), min_size=1, max_size=20),
     seed=SEEDS,
