@@ -46,7 +46,8 @@ def new(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
         f"  python book/make.py claims {number}    measure its claim, over three seeds\n"
         f"  python book/make.py execute {number}   run the page and store what it shows\n"
         f"  python book/make.py check {number}     is it fit to be committed?\n"
-        f"and after each edit of page or solutions  python book/make.py pair {number}"
+        f"After each edit of page or solutions, python book/make.py pair {number}. The table of pages\n"
+        "in book/index.py is yours to link it in."
     )
 
 
