@@ -46,8 +46,8 @@ def new(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
         f"  python book/make.py claims {number}    measure its claim, over three seeds\n"
         f"  python book/make.py execute {number}   run the page and store what it shows\n"
         f"  python book/make.py check {number}     is it fit to be committed?\n"
-        f"After each edit of page or solutions, python book/make.py pair {number}. The table of pages\n"
-        "in book/index.py is yours to link it in."
+        f"  python book/make.py pair {number}      after each edit of page or solutions\n"
+        "and link the page in the table of book/index.py."
     )
 
 
