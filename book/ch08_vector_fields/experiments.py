@@ -9,7 +9,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from book.ch08_vector_fields import comparison, speed
+from book.ch08_vector_fields import comparison, speed, witness
 from book.ch08_vector_fields import field_training as training
 from book.tools.checkpoints import Training
 from book.tools.claims import Claim
@@ -122,10 +122,12 @@ CLAIMS = [
 ]  # fmt: skip
 
 MEASUREMENTS = {
-    "losses": Measurement(comparison.compare_losses, range(3), comparison.DATA),
-    "systems": Measurement(comparison.compare_systems, range(3), comparison.DATA),
+    "losses": Measurement(comparison.compare_losses, range(3), comparison.DATA,
+                          witness=witness.witness_losses),
+    "systems": Measurement(comparison.compare_systems, range(3), comparison.DATA,
+                           witness=witness.witness_systems),
     "speed": Measurement(speed.measure_speed, range(3), training.DATA, timed=True),
-}
+}  # fmt: skip
 
 
 def train_field() -> dict[str, Tensor]:

@@ -3,7 +3,8 @@
 With each result is kept what the same code gave at `tiny`, seed 0, on one thread. After an edit
 that should change nothing, the code of today gives the same at `tiny`, bit for bit, and so do the
 datasets; then the result counts as that of today's code, "confirmed at tiny". Not confirmed can be
-times, and what has other numbers at its own scale: a run at `tiny` does not see them.
+times, and what has other numbers at its own scale: a run at `tiny` does not see them. Where the
+numbers of a run at `tiny` say too little, a measurement declares a `witness`.
 """
 
 from __future__ import annotations
@@ -120,6 +121,8 @@ def _refused(
         return "times cannot be confirmed"
     if not kept:
         return "nothing of before is kept to compare with"
+    if len(kept["values"]) > 1 and len(set(kept["values"].values())) == 1:
+        return "what is kept is one number throughout, so it needs a witness"
     if not here:
         return f"what is kept was made on another kind of machine ({kept['machine']})"
     if entry["numbers"] != now["numbers"]:
@@ -138,8 +141,11 @@ def _differing(kept: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     return ""
 
 
-def _values(measurement: Measurement) -> dict[str, float]:
-    return {str(key): float(value) for key, value in measurement.function(0).items()}
+def _values(measurement: Measurement) -> dict[str, Any]:
+    values: dict[str, Any] = {str(k): float(v) for k, v in measurement.function(0).items()}
+    if measurement.witness is not None:
+        values |= {f"witness: {k}": v for k, v in measurement.witness(0).items()}
+    return values
 
 
 def _digest(training: Training) -> dict[str, str]:

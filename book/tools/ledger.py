@@ -61,12 +61,16 @@ class Measurement(NamedTuple):
         seeds: at least three.
         data: the datasets that it opens, "world/split".
         timed: whether the numbers are times, other ones in every run.
+        witness: `witness(seed)` returns numbers and digests by name that differ with all that
+            decides the numbers of `function`, where those say too little at `tiny`: recalls of
+            networks that have hardly learnt are all 0. What confirms a measurement compares both.
     """
 
     function: Callable[[int], Mapping[Key, float]]
     seeds: Sequence[int]
     data: tuple[str, ...] = ()
     timed: bool = False
+    witness: Callable[[int], Mapping[str, object]] | None = None
 
 
 def measure(

@@ -1,0 +1,107 @@
+"""Numbers by which a run at `tiny` tells whether chapter 8's measurements are still the same.
+
+After twenty steps no pose is right, so at `tiny` every recall is 0, whatever the code does. These
+numbers differ with all that decides recalls: the weights that training ends in, and the poses that
+votes, PnP, refiner and rules make of true fields with noise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from book.ch08_vector_fields import comparison, outcomes
+from book.ch08_vector_fields import field_training as training
+from posecore import weights
+from posecore.methods.vector_field.fields import field_targets
+from posecore.methods.vector_field.masked_fields import MaskedFields
+from posecore.methods.vector_field.systems import SYSTEMS, VectorFieldSystem
+
+__all__ = ["witness_losses", "witness_systems"]
+
+NOISE = 0.25
+"""Standard deviation of what is added to true fields, in lengths of their vectors."""
+VIEWS = 10
+
+
+def witness_losses(seed: int) -> dict[str, object]:
+    """Digests of the networks' weights, and errors of poses from fields with noise."""
+    found: dict[str, object] = {
+        f"weights, {name}": weights.digest(comparison.trained(name, seed).state_dict())
+        for name in comparison.LOSSES
+    }
+    system = VectorFieldSystem(comparison.trained("pixel", seed), training.models())
+    for split in comparison.SPLITS:
+        views, batch, fields = _noisy_fields(split, seed)
+        for fit in ("angles", "lines"):
+            system.fit = fit
+            estimates = {
+                (int(views[one.image]), one.object_id): one
+                for one in system.estimate_fields(fields, batch["K"])
+            }
+            poses = {key: (one.R, one.t) for key, one in estimates.items()}
+            found |= _errors(f"{split}, {fit}", split, poses)
+            if fit == "angles":
+                plain = comparison._plain(estimates, split)
+                found |= _errors(f"{split}, plain PnP", split, plain)
+    return found
+
+
+def witness_systems(seed: int) -> dict[str, object]:
+    """Digests of the refiners' weights, and errors of what each system makes of noisy fields."""
+    net = comparison.trained("pixel", seed)
+    steps = comparison.choose(**comparison.REFINER_STEPS)
+    found: dict[str, object] = {}
+    for own in (True, False):
+        refiner = comparison.train_refiner(net, own=own, seed=seed, steps=steps)
+        found[f"weights, own {own}"] = weights.digest(refiner.state_dict())
+        system = VectorFieldSystem.named(
+            "OPEPL-R", net, training.models(), refiner, fit=comparison.FIT
+        )
+        for split in comparison.SPLITS:
+            views, batch, fields = _noisy_fields(split, seed)
+            estimates = system.estimate_fields(fields, batch["K"])
+            for name in SYSTEMS:
+                poses = {
+                    (int(views[one.image]), one.object_id): comparison.chosen_pose(name, one)
+                    for one in estimates
+                }
+                found |= _errors(f"{split}, {name}, own {own}", split, poses)
+            found[f"{split}, own {own}, overlap"] = float(sum(one.overlap for one in estimates))
+    return found
+
+
+def _noisy_fields(
+    split: str, seed: int
+) -> tuple[torch.Tensor, dict[str, torch.Tensor], MaskedFields]:
+    """Views, their batch, and the true fields of their objects with noise."""
+    views = torch.arange(min(VIEWS, len(training.stack(split))))
+    batch = training.frames(split, views)
+    models = training.models()
+    targets = field_targets(
+        batch,
+        np.stack([model.keypoints for model in models]),
+        [model.object_id for model in models],
+        [model.symmetries if model.symmetric else None for model in models],
+        None,
+    )
+    noise = torch.randn(
+        targets.vectors.shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float32
+    )
+    vectors = targets.vectors + NOISE * torch.linalg.vector_norm(
+        targets.vectors, dim=-1, keepdim=True
+    ) * noise.to(targets.vectors)
+    return views, batch, MaskedFields(*targets[1:5], vectors)
+
+
+def _errors(name: str, split: str, poses: dict) -> dict[str, object]:
+    judged = outcomes.outcomes(training.stack(split), poses)
+    here = [one for one in judged if np.isfinite(one.add)]
+    return {
+        f"{name}, found": len(here),
+        f"{name}, add": float(sum(one.add for one in here)),
+        f"{name}, projection": float(sum(one.projection for one in here)),
+        f"{name}, t": float(sum(one.t for one in here)),
+        f"{name}, recall": outcomes.recall(judged),
+        f"{name}, recall by projection": outcomes.recall(judged, "projection"),
+    }
