@@ -333,10 +333,7 @@ def test_batches_that_broadcast_are_like_one_by_one(function: FunctionType) -> N
 
 
 @each_batched
-def test_an_empty_batch_is_no_fault(function: FunctionType, request: pytest.FixtureRequest) -> None:
-    if function.__qualname__ == "umeyama":
-        reason = "torch's RuntimeError of weights without rows; mended with the ground floors"
-        request.applymarker(pytest.mark.xfail(reason=reason, raises=RuntimeError))
+def test_an_empty_batch_is_no_fault(function: FunctionType) -> None:
     for batch in ((0,), (2, 0)):
         for part in parts(call(function, inputs(function, (batch,)))):
             assert function.__qualname__ in OF_THE_WHOLE or part.shape[: len(batch)] == batch

@@ -86,9 +86,9 @@ def _require_weights(weights: Tensor) -> None:
         return
     if bool((weights < 0).any()):
         fail("weights", "none negative", float(weights.min()))
-    positive = int((weights > 0).sum(-1).min())
-    if positive < 3:
-        fail("weights", "at least 3 positive ones", positive)
+    positive = (weights > 0).sum(-1)
+    if bool((positive < 3).any()):
+        fail("weights", "at least 3 positive ones", int(positive.min()))
 
 
 @torch.no_grad()

@@ -9,7 +9,9 @@ import pytest
 
 from book.ch08_vector_fields.experiments import CLAIMS as VECTOR_FIELDS
 from book.tools.claims import Claim
+from book.tools.dependencies import KEEPING, open_world
 from book.tools.keys import Key
+from posecore.fingerprint import changes, closure
 
 BOOK = Path(__file__).parents[2] / "book"
 CHAPTERS = sorted(path.parent.name for path in BOOK.glob("ch*/experiments.py"))
@@ -42,7 +44,7 @@ def test_the_ledger_holds_what_is_declared(chapter):
 
 @pytest.mark.parametrize("chapter", CHAPTERS)
 def test_results_are_kept_by_keys_that_read_back(chapter):
-    for name, measurement in kept(chapter)["measurements"].items():
+    for measurement in kept(chapter)["measurements"].values():
         tiny = measurement.get("tiny", {}).get("values", {})
         results = [key for numbers in measurement["values"].values() for key in numbers]
         for key in {*results, *(key for key in tiny if not key.startswith("witness: "))}:
@@ -66,3 +68,34 @@ def test_the_margin_of_equality_is_the_papers_own():
     assert apart.argmax() == 6  # the duck
     means = np.mean([*chosen, 95.29]), np.mean([*always, 95.39])
     assert np.allclose(means, claim.paper, atol=0.005)
+
+
+SHADING = "data_tools.renderer.shading"
+LOOKS_AT_PICTURES = {
+    *("split_of_films", "from_images", "from_points", "losses", "systems", "speed"),
+    *("field", "refiner"),
+}
+
+
+def test_an_edit_of_the_shading_touches_what_looked_at_pictures_and_nothing_else():
+    file = BOOK.parent / SHADING.replace(".", "/")
+    text = file.with_suffix(".py").read_text("utf-8")
+    commented = f"# Light.\n{text}".encode()
+    edited = text.replace("def shade(", "def shade(_more=0, *, ", 1).encode()
+    assert edited != text.encode()
+
+    def touched(source):
+        found = set()
+        for chapter in CHAPTERS:
+            page = declared(chapter)
+            for name, one in {**page.MEASUREMENTS, **getattr(page, "CHECKPOINTS", {})}.items():
+                worlds = {open_world(data, "tiny").world for data in one.data}
+                roots = [one.function, *(part for world in worlds for part in world.code)]
+                now = closure(*roots, without=KEEPING)
+                then = closure(*roots, without=KEEPING, sources={SHADING: source})
+                if changes(now.text, then):
+                    found.add(name)
+        return found
+
+    assert touched(commented) == set()
+    assert touched(edited) == LOOKS_AT_PICTURES
