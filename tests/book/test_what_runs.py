@@ -7,6 +7,7 @@ at `tiny` here and watched.
 
 import ast
 import functools
+import shutil
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -95,10 +96,17 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> set[str]:
     return found
 
 
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the worlds of all tests lie: made by the first that opens them."""
+    return tmp_path_factory.mktemp("cache")
+
+
 @pytest.fixture
-def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Nothing of earlier runs: no cache on disk, and none in the modules of a chapter."""
-    monkeypatch.setenv("POSECORE_CACHE", str(tmp_path))
+def fresh(cache: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """No training of before is found again, on disk or in the modules of a chapter."""
+    monkeypatch.setenv("POSECORE_CACHE", str(cache))
+    shutil.rmtree(cache / "training", ignore_errors=True)
     forget()
     yield
     forget()
