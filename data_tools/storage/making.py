@@ -1,8 +1,8 @@
 """Shards made by several processes at once.
 
 Each process holds one end of a pipe: it is told a number, makes that shard, says so, and is told
-the next. Nothing is locked, so a process that is killed leaves nothing behind that could hold up
-another; and if the one that hands out the numbers is killed, the others notice and end as well.
+the next. A process that is killed leaves nothing behind that could hold up another; and if the one
+that hands out the numbers is killed, the others notice and end as well.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ __all__ = ["START_METHODS", "MakingError", "can_be_sent", "make_in_processes"]
 
 START_METHODS = ("spawn", "fork", "forkserver")
 
-MakeShard = Callable[[int, Callable[[], Any]], None]
-"""Makes the shard with a number, and calls back after each of its records."""
+MakeShard = Callable[[int, Callable[[], Any]], bool | None]
+"""Makes the shard with a number, and calls back after each of its records; False for one that is to
+be asked for again later, when all others have been."""
 
 
 class MakingError(RuntimeError):
@@ -88,7 +89,9 @@ def make_in_processes(
                 if message == "record":
                     tick()
                     continue
-                if message != "made":
+                if message == "later":
+                    waiting.append(busy[connection])
+                elif message != "made":
                     failures.append(_failed(*message))
                 go_on(connection)
     finally:
@@ -143,11 +146,11 @@ def _work(make_shard: MakeShard, connection: Connection) -> None:
         while connection in wait([connection, parent]):
             number = connection.recv()
             try:
-                make_shard(number, lambda: connection.send("record"))
+                made = make_shard(number, lambda: connection.send("record"))
             except Exception as error:
                 connection.send((str(error), traceback.format_exc()))
             else:
-                connection.send("made")
+                connection.send("later" if made is False else "made")
     except (EOFError, OSError):  # nobody is there any more
         pass
 

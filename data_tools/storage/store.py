@@ -25,12 +25,14 @@ import random
 import re
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from tqdm.auto import tqdm
 
+from data_tools.storage.locks import byte_lock
 from data_tools.storage.making import START_METHODS, MakingError, can_be_sent, make_in_processes
 from data_tools.storage.records import Record, decode_record, encode_record, to_json
 from data_tools.storage.shards import (
@@ -50,6 +52,8 @@ __all__ = ["WORLDS", "DamageWarning", "Store"]
 WORLDS = "worlds"  # the folder of all worlds in the cache
 FORMAT = 1  # of the files; another one makes all worlds anew
 FORGOTTEN = 3600  # seconds after which an unfinished file has nobody who still writes it
+PATIENCE = 30  # seconds for a shard that another process has begun; more where shards take long
+POLL = 0.05  # seconds
 FILES_PER_PROCESS = 4  # at the least: a new process takes as long to start as a few files to make
 
 
@@ -113,6 +117,8 @@ class Store:
         root = cache_folder() / WORLDS if folder is None else Path(folder)
         self.folder = root / name / self.key[:16]
         self._indices: dict[int, list[Place]] = {}
+        self._met: dict[int, float] = {}  # when a shard was first seen in the hands of another
+        self._longest = 0.0  # seconds that a shard took here
 
     @property
     def recipe(self) -> dict[str, Any]:  # noqa: D102
@@ -129,6 +135,8 @@ class Store:
 
     def __getitem__(self, index: int) -> Record:
         """The record with this index. A shard that is missing or damaged is made, here and now.
+
+        If another process is just making it, that is waited for.
 
         Raises:
             IndexError: if there is no such record.
@@ -152,7 +160,8 @@ class Store:
                 raise
             self._discard(number, error)
         self._prepare_folder()
-        self._make_shard(number)
+        while not self._make_shard(number):
+            pass
         return self._read(number, row)
 
     @property
@@ -229,15 +238,17 @@ class Store:
             processes = max(1, min(cores, len(todo) // FILES_PER_PROCESS))
         self._prepare_folder()
         # Whoever makes the same world at the same time takes another order, and skips what is there
-        # when its turn comes: so the work is done about once.
-        random.Random(os.getpid()).shuffle(todo)
+        # or begun when its turn comes: so the work is done once.
+        _shuffle(todo)
         total = sum(len(self._rows(number)) for number in todo)
         with tqdm(total=total, desc=self.name, unit="record", disable=not progress) as bar:
             if (processes := min(processes, len(todo))) > 1:
                 make_in_processes(self._make_shard, todo, processes, start_method, bar.update)
             else:
-                for number in todo:
-                    self._make_shard(number, bar.update)
+                waiting = deque(todo)
+                while waiting:
+                    if not self._make_shard(number := waiting.popleft(), bar.update):
+                        waiting.append(number)
         return len(todo)
 
     def _rows(self, number: int) -> range:
@@ -282,16 +293,37 @@ class Store:
         if not (self.folder / "recipe.json").is_file():  # for those who look into the folder
             self._write(self.folder / "recipe.json", (self._description + "\n").encode())
 
-    def _make_shard(self, number: int, tick: Callable[[], Any] = lambda: None) -> None:
-        """Make a shard, unless another process has done so in the meantime."""
-        there = self._is_there(number)
-        records = []
-        for index in self._rows(number):
+    def _make_shard(self, number: int, tick: Callable[[], Any] = lambda: None) -> bool:
+        """Make a shard, unless another process has done so in the meantime, or is at it.
+
+        Returns:
+            Whether it is there now. If not it is in the hands of another process; asked again and
+            again, this waits, and makes it in the end.
+        """
+        # Two that begin the world may each have a recipe.json at first, and make one shard twice.
+        with byte_lock(self.folder / "recipe.json", number) as mine:
+            there = self._is_there(number)
+            if not there and not mine and not self._waited(number):
+                return False
+            start, records = time.monotonic(), []
+            for index in self._rows(number):
+                if not there:
+                    records.append(self._make_record(index))
+                tick()
             if not there:
-                records.append(self._make_record(index))
-            tick()
-        if not there:
-            self._write(self.path(number), pack_shard(self.key, number, records))
+                self._write(self.path(number), pack_shard(self.key, number, records))
+                self._longest = max(self._longest, time.monotonic() - start)
+        self._met.pop(number, None)
+        return True
+
+    def _waited(self, number: int) -> bool:
+        """Whether a shard has been in the hands of another process for too long."""
+        now = time.monotonic()
+        if number not in self._met:
+            self._met[number] = now
+        else:
+            time.sleep(POLL)  # nothing else is left to do
+        return now - self._met[number] > max(PATIENCE, 2 * self._longest)
 
     def _make_record(self, index: int) -> bytes:
         try:
@@ -310,6 +342,10 @@ class Store:
                 raise MakingError(
                     f"{path}: cannot be written: {error.strerror}; finished shards are kept"
                 ) from error
+
+
+def _shuffle(numbers: list[int]) -> None:
+    random.SystemRandom().shuffle(numbers)  # two containers may have equal process ids
 
 
 def _part(part: tuple[int, int]) -> slice:

@@ -16,9 +16,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from data_tools.storage import MakingError
+from data_tools.storage import store as module
 from data_tools.storage.making import can_be_sent, make_in_processes
 from tests.data_tools.storage import small_worlds
-from tests.data_tools.storage.small_worlds import COUNT, SHARD_SIZE, files, make, world
+from tests.data_tools.storage.small_worlds import COUNT, files, make, world
 
 resource = pytest.importorskip("resource", reason="these tests need Unix")
 pytestmark = [
@@ -318,9 +319,16 @@ def test_interrupted_from_the_keyboard(tmp_path, expected, processes, to_all):
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_two_at_once(tmp_path, expected, processes):
-    """Both end well, and most of the work is done once."""
+@pytest.mark.parametrize("pid", [None, 1], ids=["", "equal process ids"])
+@pytest.mark.parametrize("order", ["the same", "opposite"])
+def test_two_at_once(tmp_path, expected, processes, pid, order, monkeypatch):
+    """Both end well, and the work is done once, whatever the order that chance gives them.
+
+    Until makers announced what they begin, both made all where their process ids were equal.
+    """
     log = tmp_path / "log"
+    if pid is not None:
+        monkeypatch.setattr(os, "getpid", lambda: pid)
 
     def logged(recipe, index):
         with log.open("a") as file:
@@ -328,26 +336,82 @@ def test_two_at_once(tmp_path, expected, processes):
         time.sleep(0.015)
         return make(recipe, index)
 
+    def run(many, turned):
+        module._shuffle = lambda numbers: numbers.sort(reverse=turned)
+        world(tmp_path / "world", logged).make(many, start_method="fork", progress=False)
+
+    world(tmp_path / "world", logged)._prepare_folder()
     makers = [
-        in_a_process(world(tmp_path / "world", logged).make, many, start_method="fork")
-        for many in (1, processes)
+        in_a_process(run, many, turned and order == "opposite", errors=tmp_path / "errors")
+        for many, turned in ((1, False), (processes, True))
     ]
-    assert [ended(maker) for maker in makers] == [0, 0]
+    assert [ended(maker) for maker in makers] == [0, 0], (tmp_path / "errors").read_text()
     assert files(world(tmp_path / "world")) == expected
     made = list(map(int, log.read_text().split()))
-    assert set(made) == set(range(COUNT))
-    if processes == 1:
-        # One of 8 shards twice is what to expect; more than 4 happens once in thousands.
-        assert len(made) <= COUNT + 4 * SHARD_SIZE
+    assert sorted(made) == list(range(COUNT))
+
+
+def test_the_order_is_chance_whatever_the_process_id(monkeypatch):
+    monkeypatch.setattr(os, "getpid", lambda: 1)
+    orders = set()
+    for _ in range(20):
+        module._shuffle(numbers := list(range(99)))
+        assert sorted(numbers) == list(range(99))
+        orders.add(tuple(numbers))
+    assert len(orders) == 20
+
+
+@pytest.mark.parametrize("reading", [True, False])
+def test_a_maker_that_stands_still_is_not_waited_for_for_ever(tmp_path, reading, monkeypatch):
+    """As one that was suspended. What it has in hand comes last, and is made in the end."""
+    log = tmp_path / "log"
+
+    def stopping(recipe, index):
+        if os.getpid() != here:
+            (tmp_path / "begun").touch()
+            os.kill(os.getpid(), signal.SIGSTOP)
+        with log.open("a") as file:
+            file.write(f"{index}\n")
+        return make(recipe, index)
+
+    here = os.getpid()
+    monkeypatch.setattr(module, "_shuffle", list.sort)
+    maker = in_a_process(world(tmp_path / "world", stopping).make, 1, progress=False)
+    while not (tmp_path / "begun").exists():
+        time.sleep(0.01)
+    monkeypatch.setattr(module, "PATIENCE", 0.3)
+    store, start = world(tmp_path / "world", stopping), time.monotonic()
+    if reading:
+        assert [record["index"] for record in store] == list(range(COUNT))
+    else:
+        assert store.make(1, progress=False) == SHARDS
+    assert time.monotonic() - start > 0.3
+    assert store.missing() == []
+    indices = list(map(int, log.read_text().split()))
+    others = [index for index in range(COUNT) if index > 2]
+    assert indices == ([0, 1, 2, *others] if reading else [*others, 0, 1, 2])
+    os.kill(maker.pid, signal.SIGCONT)
+    os.kill(maker.pid, signal.SIGKILL)
+    assert ended(maker) == -signal.SIGKILL
 
 
 def test_two_ask_for_the_same_record(tmp_path, expected):
+    log = tmp_path / "log"
+
     def run(store):
         assert [record["index"] for record in store] == list(range(COUNT))
 
-    readers = [in_a_process(run, world(tmp_path, slow)) for _ in range(2)]
+    def logged(recipe, index):
+        with log.open("a") as file:
+            file.write(f"{index}\n")
+        return slow(recipe, index)
+
+    store = world(tmp_path / "world", logged)
+    store._prepare_folder()
+    readers = [in_a_process(run, world(tmp_path / "world", logged)) for _ in range(2)]
     assert [ended(reader) for reader in readers] == [0, 0]
-    assert files(world(tmp_path)) == expected
+    assert files(store) == expected
+    assert sorted(map(int, log.read_text().split())) == list(range(COUNT)), "each is made once"
 
 
 def test_in_a_process_that_may_not_start_others(tmp_path, expected):
