@@ -9,6 +9,7 @@ numbers of a run at `tiny` say too little, a measurement declares a `witness`.
 
 from __future__ import annotations
 
+import copy
 import platform
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -21,12 +22,15 @@ import torch
 from book.tools.checkpoints import Training, read_about
 from book.tools.contents import BOOK, find_page
 from book.tools.dependencies import code_of, dependencies, reasons, records_digest
-from book.tools.ledger import KEPT, Measurement, read_file, require_named, write_file
+from book.tools.ledger import KEPT, Measurement, changing, read_file, require_named
 from book.tools.measuring import declared, import_experiments, shown, trained, write_about
 from book.tools.variables import variables
+from data_tools.storage.locks import file_lock
 from posecore import weights
 
 __all__ = ["confirm"]
+
+MEANWHILE = "another process has changed it meanwhile, and nothing is kept; again?"
 
 
 def confirm(page: str, book: Path = BOOK) -> list[str]:
@@ -55,21 +59,31 @@ def confirm(page: str, book: Path = BOOK) -> list[str]:
             return [f"{found.name}: nothing to confirm"]
         _, measurements, trainings = declared(import_experiments(found, book))
         for name, measurement in measurements.items():
-            ledger = read_file(path)
-            entry = ledger["measurements"].get(name)
+            entry = read_file(path)["measurements"].get(name)
             if entry is None:
                 lines.append(f"{found.name}, {name}: not measured yet")
                 continue
+            before = copy.deepcopy(entry)
             words = _confirm(entry, measurement, lambda m=measurement: _values(m))
-            write_file(path, ledger)
+            if entry != before:
+                with changing(path) as ledger:
+                    if ledger["measurements"].get(name) == before:
+                        ledger["measurements"][name] = entry
+                    else:
+                        words = MEANWHILE
             lines.append(f"{found.name}, {name}: {words}")
         for name, training in trainings.items():
             file = folder / "weights" / f"{name}.safetensors"
             if not (about := read_about(file)):
                 lines.append(f"{found.name}, {file.name}: nothing says how it was trained")
                 continue
+            before = copy.deepcopy(about)
             words = _confirm(about, training, lambda t=training: _digest(t))
-            write_about(file, about)
+            with file_lock(file):
+                if read_about(file) == before:
+                    write_about(file, about)
+                else:
+                    words = MEANWHILE
             lines.append(f"{found.name}, {file.name}: {words}")
     return lines
 

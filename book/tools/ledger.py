@@ -8,7 +8,7 @@ claims, as one table of a paper does:
     record([Claim(...)], path)
     ledger_table(read_ledger(path))
 
-One process at a time may write a ledger.
+Several processes may write a ledger at once: each change is made in what is there by then.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -29,6 +30,7 @@ from book.tools.claims import FEWEST_SEEDS, Claim, Row
 from book.tools.contents import pages
 from book.tools.dependencies import code_of, dependencies, reasons
 from book.tools.keys import Key
+from data_tools.storage.locks import file_lock
 from posecore.arrays import fail, require_integer, require_number
 from posecore.files import write_bytes
 from posecore.fingerprint import HOME
@@ -39,6 +41,7 @@ __all__ = [
     "KEPT",
     "Measurement",
     "all_rows",
+    "changing",
     "measure",
     "read_file",
     "read_ledger",
@@ -46,7 +49,6 @@ __all__ = [
     "require_ledger",
     "require_named",
     "stale",
-    "write_file",
 ]
 
 KEPT = {"data", "definitions", "numbers"}
@@ -84,7 +86,8 @@ def measure(
     Every finished seed is written at once, so a measurement that was killed goes on where it was.
     Results count only under the conditions they were made in: definitions, datasets, scale, the
     library's version and the machine. Where one has changed, all seeds are measured again; the old
-    results stay in the ledger until the new ones are whole.
+    results stay in the ledger until the new ones are whole. Of a seed that another process finishes
+    meanwhile, its result is taken.
 
     Args:
         name: of the measurement in the ledger.
@@ -103,28 +106,43 @@ def measure(
     if len(set(wanted)) < max(FEWEST_SEEDS, len(wanted)):
         fail("seeds", f"at least {FEWEST_SEEDS}, each once", wanted)
     conditions = _conditions(measurement)
-    ledger = read_file(path)
     values: dict[str, Any] = {}
     more: dict[str, Any] = {"seconds": {}}  # what is no condition
+    for seed in wanted:
+        _take(read_file(path), name, conditions, values, more)
+        if str(seed) in values:
+            continue
+        start = time.perf_counter()
+        numbers = _checked(measurement.function(seed), values, seed)
+        seconds = round(time.perf_counter() - start, 1)
+        say(f"  seed {seed}: {seconds} s")
+        values[str(seed)], more["seconds"][str(seed)] = numbers, seconds
+        with changing(path) as ledger:
+            _take(ledger, name, conditions, values, more)
+            ledger["unfinished"][name] = {**conditions, **more, "values": values}
+    with changing(path) as ledger:
+        _take(ledger, name, conditions, values, more)
+        values = {str(seed): values[str(seed)] for seed in wanted}
+        ledger["unfinished"].pop(name, None)
+        ledger["measurements"][name] = {**conditions, **more, "values": values}
+    return {seed: _keyed(values[str(seed)]) for seed in wanted}
+
+
+def _take(
+    ledger: Mapping[str, Mapping[str, Any]],
+    name: str,
+    conditions: Mapping[str, Any],
+    values: dict[str, Any],
+    more: dict[str, Any],
+) -> None:
+    """Add what a ledger holds of a measurement that was made under the same conditions."""
     for part in ("measurements", "unfinished"):
         entry = ledger[part].get(name, {})
         # A function may move to another module, as what it reaches may.
         if all(entry.get(key) == conditions[key] for key in conditions.keys() - {"module"}):
-            values.update(entry["values"])
-            more |= {key: entry[key] for key in ("seconds", "tiny", "confirmed") if key in entry}
-    for seed in wanted:
-        if str(seed) not in values:
-            start = time.perf_counter()
-            values[str(seed)] = _checked(measurement.function(seed), values, seed)
-            more["seconds"][str(seed)] = round(time.perf_counter() - start, 1)
-            say(f"  seed {seed}: {more['seconds'][str(seed)]} s")
-            ledger["unfinished"][name] = {**conditions, **more, "values": values}
-            write_file(path, ledger)
-    values = {str(seed): values[str(seed)] for seed in wanted}
-    ledger["unfinished"].pop(name, None)
-    ledger["measurements"][name] = {**conditions, **more, "values": values}
-    write_file(path, ledger)
-    return {seed: _keyed(values[str(seed)]) for seed in wanted}
+            values |= entry["values"]
+            more["seconds"] |= entry.get("seconds", {})
+            more |= {key: entry[key] for key in ("tiny", "confirmed") if key in entry}
 
 
 def _conditions(measurement: Measurement) -> dict[str, Any]:
@@ -189,21 +207,23 @@ def record(claims: Iterable[Claim], path: Path) -> None:
     Raises:
         ValueError: if two claims have one id, or a claim's measurement or sides are not there.
     """
-    ledger, entries = read_file(path), {}
-    for claim in claims:
-        if claim.id in entries:
-            fail("claims", "ids that differ", f"{claim.id!r} twice")
-        measured = ledger["measurements"].get(claim.measurement)
-        if measured is None:
-            there = sorted(ledger["measurements"])
-            fail("claims", f"a measurement of {there} for {claim.id!r}", repr(claim.measurement))
-        names = next(iter(measured["values"].values()))
-        for side in (claim.favoured, claim.other):
-            if str(side) not in names:
-                fail("claims", f"sides of {sorted(names)} for {claim.id!r}", repr(str(side)))
-        entries[claim.id] = {**claim.entry(), "place": len(entries)}
-    ledger["claims"] = entries
-    write_file(path, ledger)
+    with changing(path) as ledger:
+        entries: dict[str, Any] = {}
+        for claim in claims:
+            if claim.id in entries:
+                fail("claims", "ids that differ", f"{claim.id!r} twice")
+            measured = ledger["measurements"].get(claim.measurement)
+            if measured is None:
+                there = sorted(ledger["measurements"])
+                fail(
+                    "claims", f"a measurement of {there} for {claim.id!r}", repr(claim.measurement)
+                )
+            names = next(iter(measured["values"].values()))
+            for side in (claim.favoured, claim.other):
+                if str(side) not in names:
+                    fail("claims", f"sides of {sorted(names)} for {claim.id!r}", repr(str(side)))
+            entries[claim.id] = {**claim.entry(), "place": len(entries)}
+        ledger["claims"] = entries
 
 
 def read_ledger(path: Path) -> list[Row]:
@@ -319,10 +339,24 @@ def _refuse(text: str) -> NoReturn:
     raise ValueError(f"{text} is no number")
 
 
-def write_file(path: Path, ledger: Mapping[str, Mapping[str, Any]]) -> None:
+@contextmanager
+def changing(path: Path) -> Iterator[dict[str, dict[str, Any]]]:
+    """A ledger to be changed, alone: it is written at the end, unless there is an error.
+
+    Raises:
+        ValueError: if the file is damaged.
+        OSError: if it cannot be written; the old one is untouched.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with file_lock(path):
+        ledger = read_file(path)
+        yield ledger
+        _write_file(path, ledger)
+
+
+def _write_file(path: Path, ledger: Mapping[str, Mapping[str, Any]]) -> None:
     """The same ledger gives the same bytes, and the old or the new file is there, never a part."""
     content = {key: value for key, value in ledger.items() if value}
     text = json.dumps(content, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_bytes(path, text.encode() + b"\n")

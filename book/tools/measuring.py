@@ -43,6 +43,7 @@ from book.tools.ledger import (
     stale,
 )
 from book.tools.variables import variables
+from data_tools.storage.locks import file_lock
 from posecore import weights
 from posecore.arrays import fail, require_choice
 from posecore.files import write_bytes
@@ -122,10 +123,11 @@ def train(page: str, book: Path = BOOK, *, scale: str | None = None) -> list[Pat
             about["seconds"] = {str(SEED): seconds}
             path = folder / found.package / "weights" / f"{key}.safetensors"
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_bytes(path, data)
-            if path.read_bytes() != data:
-                raise OSError(f"{path}: does not read back as it was written")
-            write_about(path, about)
+            with file_lock(path):  # both files are of one training, whoever else trains
+                write_bytes(path, data)
+                if path.read_bytes() != data:
+                    raise OSError(f"{path}: does not read back as it was written")
+                write_about(path, about)
             _say(f"{found.name}, {key}: {seconds} s, {len(data) / 1e6:.2f} MB at {path}")
             written.append(path)
     return written

@@ -351,3 +351,50 @@ def test_pages_with_nothing_to_confirm(folio: Path) -> None:
     assert confirm("2", folio) == ["02_worlds: nothing to confirm"]
     with pytest.raises(ValueError, match="page: expected one of"):
         confirm("9", folio)
+
+
+# At once ----------------------------------------------------------------------------------------
+
+
+def test_what_another_process_has_written_meanwhile_stays(book: Path) -> None:
+    """Confirming takes minutes, in which seeds may be finished and networks trained."""
+    change(
+        book,
+        ("seed + size / 3", "size / 3 + seed"),
+        ("torch.rand(size) + 1", "1 + torch.rand(size)"),
+    )
+    path, file = book / CHAPTER / "claims.json", book / CHAPTER / "weights" / "net.json"
+    real, kept = confirming._values, {}
+
+    def slow(measurement: object) -> dict:
+        ledger = json.loads(path.read_bytes())
+        ledger["unfinished"] = {"more": {"values": {"0": {"method=a": 1.0}}}}
+        path.write_text(json.dumps(ledger))
+        return real(measurement)
+
+    def trained(training: object) -> dict:
+        about = json.loads(file.read_bytes()) | {"digest": "of another training"}
+        file.write_text(json.dumps(about))
+        kept.update(about)
+        return {"digest": "0"}
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(confirming, "_values", slow)
+        patch.setattr(confirming, "_digest", trained)
+        lines = said(book)
+    assert lines["sized"].startswith("confirmed at tiny")
+    assert "more" in json.loads(path.read_bytes())["unfinished"]
+    assert lines["net.safetensors"] == confirming.MEANWHILE
+    assert json.loads(file.read_bytes()) == kept
+    change(book, ("size / 3 + seed", "seed + size / 3"))
+
+    def again(measurement: object) -> dict:
+        ledger = json.loads(path.read_bytes())
+        ledger["measurements"]["sized"]["values"]["7"] = {"method=a": 1.0, "method=b": 2.0}
+        path.write_text(json.dumps(ledger))
+        return real(measurement)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(confirming, "_values", again)
+        assert said(book)["sized"] == confirming.MEANWHILE
+    assert "7" in entry(book, "sized")["values"]

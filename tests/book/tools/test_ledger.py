@@ -293,6 +293,77 @@ def test_a_killed_measurement_goes_on(house: ModuleType, tmp_path: Path, path: P
         assert {name for name in names if not name.endswith(".tmp")} == {"claims.json"}
 
 
+# At once ----------------------------------------------------------------------------------------
+
+TOGETHER = """
+import json, os, sys, time
+from pathlib import Path
+from book.tools.ledger import Measurement, measure, record
+from folio.ch01_poses import measured
+from tests.book.tools.small_book import CLAIM
+
+def due(name, seeds):
+    return Measurement(measured.table, seeds)
+
+jobs = json.loads(sys.argv[2])
+children = []
+for number, (name, seeds) in enumerate(jobs):
+    child = os.fork()
+    if not child:
+        measured.LOG = sys.argv[3] + str(number)  # a moment for each seed
+        measure(name, due(name, seeds), Path(sys.argv[1]))
+        if name == "m":
+            record([CLAIM], Path(sys.argv[1]))
+        os._exit(0)
+    children.append(child)
+print(json.dumps([os.waitpid(child, 0)[1] for child in children]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_two_at_once_lose_nothing_of_each_other(
+    house: ModuleType, tmp_path: Path, path: Path
+) -> None:
+    """Other seeds of the same, and another measurement, in one ledger."""
+    jobs = [("m", list(range(5))), ("m", list(range(4, -1, -1))), ("n", [0, 1, 2])]
+    root = str(Path(posecore.__file__).parents[1])
+    done = subprocess.run(
+        [sys.executable, "-c", TOGETHER, str(path), json.dumps(jobs), str(tmp_path / "log")],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), root])},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert json.loads(done.stdout) == [0, 0, 0], done.stderr
+    stored = json.loads(path.read_bytes())
+    assert sorted(stored) == ["claims", "measurements"] and list(stored["claims"]) == ["c"]
+    for name, seeds in (("m", range(5)), ("n", range(3))):
+        kept = stored["measurements"][name]["values"]
+        assert kept == {str(seed): texts(due(seed)) for seed in seeds}
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+    begun = "".join((tmp_path / f"log{i}").read_text() for i in (0, 1)).count("start")
+    assert begun < 10, "what one has finished the other does not measure"
+
+
+def test_a_seed_that_another_process_finishes_meanwhile(house: ModuleType, path: Path) -> None:
+    """In the middle of a measurement another one comes and goes."""
+
+    def interrupted(seed: int) -> dict[Key, float]:
+        if seed == 1:
+            measure("m", of(like(house.table)(lambda s: due(s)), [0, 1, 2, 3]), path)
+            measure("n", of(house.table), path)
+        return due(seed)
+
+    calls: list[int] = []
+    counted = like(house.table)(lambda seed: calls.append(seed) or interrupted(seed))
+    assert measure("m", of(counted, range(5)), path) == {seed: due(seed) for seed in range(5)}
+    assert calls == [0, 1, 4]
+    stored = json.loads(path.read_bytes())
+    assert sorted(stored["measurements"]) == ["m", "n"] and "unfinished" not in stored
+    assert sorted(stored["measurements"]["m"]["values"]) == list("01234")
+
+
 # Claims -----------------------------------------------------------------------------------------
 
 
