@@ -17,7 +17,7 @@ import safetensors
 import safetensors.torch
 from nbformat import NotebookNode
 
-from book.tools.checkpoints import read_about
+from book.tools.checkpoints import read_about, wrong_weights
 from book.tools.contents import BOOK, PARTS, ROOT, Page, notebooks, notebooks_of, pages
 from book.tools.execution import WIDGET_VIEW
 from book.tools.exercises import generated
@@ -96,21 +96,26 @@ def stale(book: Path = BOOK, only: Sequence[Page] | None = None) -> list[str]:
 
 
 def _results(page: Page, book: Path) -> Iterator[str]:
-    """Ledgers and notes on weights that cannot be read, and networks that are not whole."""
+    """Ledgers and notes on weights that cannot be read, and networks that are not as trained."""
     folder = book / page.package
     ledger = folder / "claims.json"
     try:
         require_ledger(ledger)
     except ValueError as error:
         yield f"{page.package}: {error}"
+    for path in sorted((folder / "weights").glob("*.json")):
+        if not path.with_suffix(".safetensors").exists():
+            yield f"{page.package}/weights: {path.stem}.safetensors is missing beside {path.name}"
     for path in sorted((folder / "weights").glob("*.safetensors")):
         try:
-            read_about(path)
-            safetensors.torch.load(path.read_bytes())
+            about, state = read_about(path), safetensors.torch.load(path.read_bytes())
         except ValueError as error:
             yield f"{page.package}/weights: {error}"
         except safetensors.SafetensorError as error:
             yield f"{page.package}/weights: {path.name} is damaged: {error}"
+        else:
+            if about and (wrong := wrong_weights(path.name, state, about)):
+                yield f"{page.package}/weights: {wrong}"
 
 
 def _missing(page: Page, book: Path) -> Iterator[str]:

@@ -31,7 +31,14 @@ from posecore import weights
 from posecore.arrays import fail, require_choice
 from posecore.scale import cache_folder, retrain, scale
 
-__all__ = ["Training", "load_or_train", "read_about", "resume_folder", "stale_weights"]
+__all__ = [
+    "Training",
+    "load_or_train",
+    "read_about",
+    "resume_folder",
+    "stale_weights",
+    "wrong_weights",
+]
 
 Model = TypeVar("Model", bound=nn.Module)
 
@@ -52,8 +59,8 @@ def load_or_train(chapter: ModuleType, key: str, model: Model) -> Model:
     """Give a model the weights that a chapter ships, and say so; train them where that cannot be.
 
     They are trained at another scale than that of the file, with POSECORE_RETRAIN=1, and where the
-    file is absent, damaged or of another model. A file whose code has changed since is loaded: the
-    line says that it is stale.
+    file is absent, damaged, of another model, or holds other weights than were trained, by their
+    digest. A file whose code has changed since is loaded: the line says that it is stale.
 
     Args:
         chapter: the module `book.chNN_name.experiments`, which declares CHECKPOINTS.
@@ -118,12 +125,29 @@ def stale_weights(path: Path) -> tuple[str, ...]:
     if not about:
         return (f"no {path.with_suffix('.json').name} says how it was trained",)
     try:
-        digest = weights.digest(safetensors.torch.load(path.read_bytes()))
+        state = safetensors.torch.load(path.read_bytes())
     except (OSError, safetensors.SafetensorError) as error:
         return (f"{path.name} cannot be read: {_first_line(error)}",)
-    if digest != about["digest"]:
-        return (f"{path.name} holds other weights than were trained",)
+    if wrong := wrong_weights(path.name, state, about):
+        return (wrong,)
     return stale(about, "trained")
+
+
+def wrong_weights(name: str, state: Mapping[str, Tensor], about: Mapping[str, Any]) -> str:
+    """Why tensors are not those that were trained, by what is kept of them; empty if they are.
+
+    Args:
+        name: of their file, which the words begin with.
+        state: the tensors; their digest knows every bit, name, shape and dtype.
+        about: of them, from `read_about`.
+    """
+    if weights.digest(state) != about["digest"]:
+        return f"{name} holds other weights than were trained"
+    try:
+        weights.require_finite(state)
+    except ValueError as error:
+        return f"{name}: {error}"
+    return ""
 
 
 def read_about(path: Path) -> dict[str, Any]:
@@ -150,22 +174,22 @@ def _load(path: Path, model: nn.Module) -> str:
     if not path.is_file():
         return f"there is no {path.name}"
     try:
-        made_at = read_about(path).get("scale")
+        about = read_about(path)
     except ValueError as error:
         return _first_line(error)
-    if made_at is None:
+    if not about:
         return f"no {path.with_suffix('.json').name} says how {path.name} was made"
     try:
         state = safetensors.torch.load(path.read_bytes())
     except safetensors.SafetensorError as error:
         return f"{path.name} is damaged ({_first_line(error)})"
-    if made_at != scale():
-        return f"{path.name} was made at {made_at} scale and this is {scale()}"
+    if about["scale"] != scale():
+        return f"{path.name} was made at {about['scale']} scale and this is {scale()}"
     try:
         model.load_state_dict(state)
     except RuntimeError as error:
         return f"{path.name} is of another model ({_first_line(error)})"
-    return ""
+    return wrong_weights(path.name, state, about)
 
 
 def _first_line(error: Exception) -> str:

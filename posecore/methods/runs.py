@@ -1,7 +1,7 @@
 """The folder of a run of `train METHOD`, from which its networks can be made again.
 
 RUN/run.json           the method, its options and sizes, and what has to be known of the objects
-RUN/NAME.safetensors   a network, when it is trained
+RUN/NAME.safetensors   a network, when it is trained, with the digest of its weights
 RUN/checkpoints/NAME   where its training goes on if it was stopped
 """
 
@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
-import safetensors
-import safetensors.torch
 from torch import nn
 
 from data_tools.bop.files import read_json
+from posecore import weights
 from posecore.arrays import fail
 from posecore.files import write_bytes
 
@@ -67,27 +66,25 @@ class Run:
         Raises:
             OSError: if it cannot be written.
         """
-        weights = {key: value.cpu().contiguous() for key, value in model.state_dict().items()}
-        write_bytes(self.path / f"{name}.safetensors", safetensors.torch.save(weights))
+        write_bytes(self.path / f"{name}.safetensors", weights.pack(model.state_dict()))
 
     def load_weights(self, name: str, model: nn.Module) -> None:
         """Give a model the weights of `NAME.safetensors`, and leave it in evaluation mode.
 
         Raises:
-            ValueError: if there is no such file, it is damaged, or of another model.
+            ValueError: if there is no such file, it is damaged or of another model, or its weights
+                are not finite, of another dtype, or others than were written.
         """
         path = self.path / f"{name}.safetensors"
         if not path.is_file():
             fail("--run", f"a run that has trained its {name}", f"no {path}")
         try:
-            weights = safetensors.torch.load(path.read_bytes())
-            model.load_state_dict(weights)
-        except (safetensors.SafetensorError, RuntimeError) as error:
+            weights.fill(model, weights.unpack(path.read_bytes()))
+        except (ValueError, RuntimeError) as error:
             words = " ".join(str(error).split())
-            raise ValueError(f"{path}: expected the weights of this run: {words}") from error
-        wrong = [key for key, value in weights.items() if not value.isfinite().all()]
-        if wrong:
-            raise ValueError(f"{path}: expected finite weights, got others in {wrong[0]}")
+            if words.startswith("expected"):
+                raise ValueError(f"{path}: {words}") from error
+            raise ValueError(f"{path}: expected the weights of this run, got {words}") from error
         model.eval()
 
     def require_options(self, wanted: Mapping[str, Any]) -> None:

@@ -121,3 +121,50 @@ def test_weights_of_something_else(run, kind):
     }[kind]
     with pytest.raises(ValueError, match=message):
         run.load_weights("net", nn.Linear(3, 2))
+
+
+def rewritten(change, metadata):
+    def function(path):
+        kept = {name: change(tensor) for name, tensor in safetensors.torch.load_file(path).items()}
+        with safetensors.safe_open(path, "pt") as file:
+            safetensors.torch.save_file(kept, path, file.metadata() if metadata else None)
+
+    return function
+
+
+def flip(path):
+    data = bytearray(path.read_bytes())
+    data[-3] ^= 1
+    path.write_bytes(bytes(data))
+
+
+SPOILT = {
+    "a flipped bit": (flip, "other weights than were written: digest "),
+    "all nan": (rewritten(lambda t: t * np.nan, True), "other weights than were written"),
+    "zeros": (rewritten(lambda t: t * 0, True), "other weights than were written"),
+    "others": (rewritten(lambda t: t + 1, True), "other weights than were written"),
+    "halves": (rewritten(lambda t: t.half(), True), "other weights than were written"),
+    "all nan, no digest": (rewritten(lambda t: t * np.nan, False), "expected finite weights"),
+    "zeros, no digest": (rewritten(lambda t: t * 0, False), "no weights, or only zeros"),
+    "halves, no digest": (
+        rewritten(lambda t: t.half(), False),
+        r"expected torch\.float32 in weight, got torch\.float16",
+    ),
+    "doubles, no digest": (rewritten(lambda t: t.double(), False), r"expected torch\.float32"),
+}
+
+
+@pytest.mark.parametrize("kind", SPOILT)
+def test_weights_that_are_not_those_that_were_written(run, kind):
+    run.write_weights("net", nn.Linear(3, 2))
+    change, words = SPOILT[kind]
+    change(run.path / "net.safetensors")
+    with pytest.raises(ValueError, match=rf"net\.safetensors: .*{words}"):
+        run.load_weights("net", nn.Linear(3, 2))
+
+
+def test_weights_of_before_that_hold_no_digest_are_loaded(run):
+    model = nn.Linear(3, 2)
+    safetensors.torch.save_file(model.state_dict(), run.path / "net.safetensors")
+    run.load_weights("net", other := nn.Linear(3, 2))
+    assert torch.equal(other.weight, model.weight)

@@ -21,11 +21,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import safetensors.torch
 import torch
-from safetensors import SafetensorError
-from torch import Tensor, nn
+from torch import nn
 
+from posecore import weights
 from posecore.arrays import (
     Array,
     array_function,
@@ -176,13 +175,12 @@ def train_codec(
 
 
 def save_codec(codec: RotationCodec, path: str | Path) -> None:
-    """Write a codec's weights as safetensors, whole or not at all.
+    """Write a codec's weights as safetensors with their digest, whole or not at all.
 
     Raises:
         OSError: if the file cannot be written.
     """
-    weights: dict[str, Tensor] = {k: v.contiguous() for k, v in codec.state_dict().items()}
-    write_bytes(Path(path), safetensors.torch.save(weights))
+    write_bytes(Path(path), weights.pack(codec.state_dict()))
 
 
 def load_codec(path: str | Path) -> RotationCodec:
@@ -193,15 +191,13 @@ def load_codec(path: str | Path) -> RotationCodec:
 
     Raises:
         OSError: if the file cannot be read.
-        ValueError: if it is damaged or holds something else.
+        ValueError: if it is damaged or holds something else than was written.
     """
     try:
-        weights = safetensors.torch.load(Path(path).read_bytes())
-        width, waves = weights["project.weight"].shape
+        kept = weights.unpack(Path(path).read_bytes())
+        width, waves = kept["project.weight"].shape
         codec = RotationCodec(waves // 18, width)
-        codec.load_state_dict(weights)
-        if not all(bool(torch.isfinite(tensor).all()) for tensor in weights.values()):
-            raise ValueError("weights that are not finite")
-    except (SafetensorError, KeyError, ValueError, RuntimeError) as error:
+        weights.fill(codec, kept)
+    except (KeyError, ValueError, RuntimeError) as error:
         fail("path", "a file that save_codec wrote", f"{path} ({error})")
     return codec.requires_grad_(False)

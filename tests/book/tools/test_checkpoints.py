@@ -12,8 +12,11 @@ from hypothesis import strategies as st
 from torch import nn
 
 from book.tools import measuring
+from book.tools.checking import problems
 from book.tools.checkpoints import load_or_train, read_about, resume_folder, stale_weights
+from book.tools.contents import find_page
 from book.tools.measuring import train
+from posecore.weights import digest
 from tests.book.tools.small_book import SPECKS, edit, forget
 
 EXPERIMENTS = """
@@ -122,10 +125,6 @@ def test_what_is_trained_here_is_what_would_be_shipped(chapter, capsys, monkeypa
             lambda c: edit(c / "experiments.py", ("train_codec", "train_decoder")),
             "folio.ch01_poses.experiments:train_codec is gone",
         ),
-        (
-            lambda c: ship(c, {"weight": torch.ones(2, 3), "bias": torch.ones(2)}),
-            f"{CODEC} holds other weights than were trained",
-        ),
         (lambda c: note(c, definitions=None), "how it was trained is not kept"),
     ],
 )
@@ -174,9 +173,61 @@ def damage(chapter):
     shipped(chapter).with_suffix(".json").write_text('{"module": "folio')
 
 
+def flip(chapter):
+    """One bit of the last tensor."""
+    data = bytearray(shipped(chapter).read_bytes())
+    data[-2] ^= 1
+    shipped(chapter).write_bytes(bytes(data))
+
+
+def spoil(change):
+    def function(chapter):
+        weights = safetensors.torch.load_file(shipped(chapter))
+        ship(chapter, {name: change(tensor) for name, tensor in weights.items()})
+
+    return function
+
+
+def spoil_and_note(chapter):
+    """With a digest that fits."""
+    spoil(lambda tensor: tensor * torch.nan)(chapter)
+    note(chapter, digest=digest(safetensors.torch.load_file(shipped(chapter))))
+
+
+OTHER = f"{CODEC} holds other weights than were trained"
+SPOILT = [
+    (flip, OTHER),
+    (spoil(lambda tensor: tensor * torch.nan), OTHER),
+    (spoil(lambda tensor: tensor * 0), OTHER),
+    (spoil(lambda tensor: tensor.double()), OTHER),
+    (spoil(lambda tensor: tensor.half()), OTHER),
+    (spoil(lambda tensor: torch.ones_like(tensor)), OTHER),
+    (spoil_and_note, f"{CODEC}: expected finite weights, got others in "),
+]
+
+
+@pytest.mark.parametrize("change, words", SPOILT)
+def test_spoilt_weights_are_no_fresh_ones_nor_fit_to_be_committed(chapter, change, words):
+    change(chapter)
+    (line,) = stale_weights(shipped(chapter))
+    assert line.startswith(words)
+    page = find_page("01_poses", chapter.parent)
+    lines = [line for line in problems(chapter.parent, [page]) if "weights" in line]
+    assert len(lines) == 1 and lines[0].startswith(f"ch01_poses/weights: {words}")
+
+
+def test_a_network_that_is_gone_is_no_fit_book(chapter):
+    page = find_page("01_poses", chapter.parent)
+    assert not [line for line in problems(chapter.parent, [page]) if "weights" in line]
+    shipped(chapter).unlink()
+    line = f"ch01_poses/weights: {CODEC} is missing beside codec.json"
+    assert line in problems(chapter.parent, [page])
+
+
 @pytest.mark.parametrize(
     "change, words",
     [
+        *SPOILT,
         (lambda c: shipped(c).unlink(), f"there is no {CODEC}, so"),
         (cut, f"{CODEC} is damaged ("),
         (lambda c: shipped(c).write_bytes(b""), f"{CODEC} is damaged ("),

@@ -216,6 +216,16 @@ def test_a_damaged_file_is_named(small: RotationCodec, tmp_path: Path, cut: int)
         load_codec(path)
 
 
+def test_a_flipped_bit_is_named(small: RotationCodec, tmp_path: Path) -> None:
+    path = tmp_path / "codec.safetensors"
+    save_codec(small, path)
+    data = bytearray(path.read_bytes())
+    data[-9] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=r"^path: expected .*codec\.safetensors \(other weights"):
+        load_codec(path)
+
+
 def broken(**changes: torch.Tensor | None) -> dict[str, torch.Tensor]:
     weights = {**RotationCodec(1, 8).state_dict(), **changes}
     return {name: tensor for name, tensor in weights.items() if tensor is not None}
