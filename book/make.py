@@ -21,6 +21,7 @@ Solutions are written in solutions/NN_name.py; exercises are generated from them
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -160,6 +161,10 @@ def main(words: Sequence[str] | None = None) -> int:
         named = getattr(arguments, "pages", [])
         chosen = tuple(find_page(name, BOOK) for name in named) or pages(BOOK)
         arguments.command(chosen, arguments)
+        _flush()
+    except BrokenPipeError:  # whoever reads has seen enough, as `head`
+        _let_go_of_output()
+        return 1
     except (ValueError, OSError, ModuleNotFoundError) as error:
         missing = isinstance(error, ModuleNotFoundError)
         advice = "; pip install -r environment.txt" if missing else ""
@@ -171,13 +176,30 @@ def main(words: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _flush() -> None:
+    """Write what was printed now: at Python's end nobody could tell of a full disk."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        _let_go_of_output()
+        raise OSError(error.errno, error.strerror, "standard output") from error
+
+
+def _let_go_of_output() -> None:
+    """What is left to be written goes nowhere; else Python would try again at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="make.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for function in COMMANDS:
-        words = function.__doc__.rstrip(".")
+        # Python without docstrings (PYTHONOPTIMIZE=2) has a shorter help.
+        words = (function.__doc__ or function.__name__).rstrip(".")
         command = commands.add_parser(function.__name__, help=words, description=words)
         command.set_defaults(command=function)
         if function is new:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
@@ -21,7 +20,7 @@ from posecore.methods.runs import Run
 from posecore.methods.sources import SOURCE, open_source
 from posecore.scale import SCALES, scale
 from posecore.training import fit
-from posecore.training.machine import choose_device
+from posecore.training.machine import choose_device, launched
 
 __all__ = ["Data", "Job", "add_parser", "integer_option", "open_data"]
 
@@ -99,15 +98,14 @@ class Job(NamedTuple):
         """The job that the options of `add_parser` ask for.
 
         Raises:
-            ValueError: naming an option that cannot be.
+            ValueError: naming an option or a variable of torchrun that cannot be.
         """
         require_integer("--seed", options.seed, 0)
         path, device = Path(options.out), choose_device(options.device)
         if path.exists() and not path.is_dir():
             fail("--out", "a folder", f"the file {options.out!r}")
-        processes = int(os.environ.get("WORLD_SIZE", "1"))
-        first = os.environ.get("RANK", "0") == "0"
-        return cls(path, options.scale or scale(), device, processes, first)
+        rank, processes = launched()
+        return cls(path, options.scale or scale(), device, processes, rank == 0)
 
     def fit(
         self,

@@ -14,7 +14,15 @@ from torch import Tensor, nn
 
 from posecore.arrays import fail, require_choice
 
-__all__ = ["PRECISIONS", "Processes", "choose_device", "convolves", "each_tensor", "uses_bfloat16"]
+__all__ = [
+    "PRECISIONS",
+    "Processes",
+    "choose_device",
+    "convolves",
+    "each_tensor",
+    "launched",
+    "uses_bfloat16",
+]
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 
@@ -23,7 +31,7 @@ def choose_device(name: str) -> torch.device:
     """`"auto"` is a GPU where there is one; of several, each process of torchrun takes its own.
 
     Raises:
-        ValueError: if PyTorch knows or has no such device.
+        ValueError: if PyTorch knows or has no such device, or it is "meta", which holds no numbers.
     """
     if name == "auto":
         name = "cuda" if torch.cuda.is_available() else "cpu"
@@ -34,9 +42,36 @@ def choose_device(name: str) -> torch.device:
         torch.empty(0, device=device)
     except (RuntimeError, TypeError, AssertionError, ImportError) as error:
         fail("device", "'auto' or a device of this machine", f"{name!r}: {error}".splitlines()[0])
+    if device.type == "meta":
+        fail("device", "'auto' or a device that computes", repr(name))
     if device.type == "cuda":
         torch.cuda.set_device(device)
     return device
+
+
+def launched() -> tuple[int, int]:
+    """The place of this process among those of torchrun, and how many they are; (0, 1) for one.
+
+    Raises:
+        ValueError: naming the variable of the environment, if `WORLD_SIZE` is no number of
+            processes, or `RANK` is none of their places. Of several, a place must be given.
+    """
+    count = _variable("WORLD_SIZE", 1, 1, None)
+    rank = _variable("RANK", 0 if count == 1 else None, 0, count - 1)
+    return rank, count
+
+
+def _variable(name: str, default: int | None, low: int, high: int | None) -> int:
+    text = os.environ.get(name, "" if default is None else str(default))
+    try:
+        value = int(text)
+    except ValueError:
+        value = low - 1
+    if value < low or (high is not None and value > high):
+        most = "" if high is None else f" and at most {high}, as WORLD_SIZE says"
+        words = f"an integer of at least {low}{most}, as torchrun sets it, or neither variable"
+        fail(name, words, repr(text) if name in os.environ else "nothing")
+    return value
 
 
 def convolves(model: nn.Module) -> bool:
@@ -83,8 +118,12 @@ class Processes:
 
     @classmethod
     def joined(cls, device: torch.device) -> Processes:
-        """Let the processes of torchrun talk to each other, from now to their end."""
-        if int(os.environ.get("WORLD_SIZE", "1")) > 1 and not dist.is_initialized():
+        """Let the processes of torchrun talk to each other, from now to their end.
+
+        Raises:
+            ValueError: as `launched`.
+        """
+        if not dist.is_initialized() and launched()[1] > 1:
             # Once: a second group may find the addresses of the first and wait for ever.
             dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
             atexit.register(dist.destroy_process_group)

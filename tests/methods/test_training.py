@@ -48,6 +48,12 @@ def test_the_job_that_is_asked_for(tmp_path, monkeypatch):
     monkeypatch.setenv("RANK", "3")
     job = Job.asked(parsed("--scale", "book", "--device", "cpu"))
     assert (job.scale, job.processes, job.first) == ("book", 4, False)
+    monkeypatch.delenv("WORLD_SIZE")  # alone a place trained, and wrote nothing
+    with pytest.raises(ValueError, match="^RANK: .* got '3'"):
+        Job.asked(parsed("--device", "cpu"))
+    monkeypatch.delenv("RANK")
+    with pytest.raises(ValueError, match="^device: .* got 'meta'"):
+        Job.asked(parsed("--device", "meta"))
     with pytest.raises(ValueError, match="^--seed: "):
         Job.asked(parsed("--seed", "-1"))
     with pytest.raises(ValueError, match="^device: "):

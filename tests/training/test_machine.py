@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from torch import nn
 
 from posecore.training import machine
-from posecore.training.machine import Processes, choose_device, each_tensor, uses_bfloat16
+from posecore.training.machine import Processes, choose_device, each_tensor, launched, uses_bfloat16
 
 CPU = torch.device("cpu")
 IMAGES, POINTS = nn.Sequential(nn.Conv2d(3, 4, 3)), nn.Sequential(nn.Conv1d(3, 4, 1), nn.ReLU())
@@ -91,3 +91,40 @@ def test_a_device_that_is_not_there_is_refused(name):
 def test_a_precision_that_is_unknown_is_refused(precision):
     with pytest.raises(ValueError, match="^precision: .*'bfloat16'"):
         uses_bfloat16(precision, CPU, IMAGES)
+
+
+def test_a_device_that_holds_no_numbers_is_refused():
+    with pytest.raises(ValueError, match="^device: expected .* that computes, got 'meta'"):
+        choose_device("meta")
+
+
+@pytest.mark.parametrize(
+    ("variables", "place"),
+    [
+        ({}, (0, 1)),
+        ({"WORLD_SIZE": "1"}, (0, 1)),
+        ({"RANK": "0"}, (0, 1)),
+        ({"WORLD_SIZE": "4", "RANK": "3"}, (3, 4)),
+        ({"RANK": "3"}, "RANK: expected an integer of at least 0 and at most 0, .* got '3'"),
+        ({"RANK": "one"}, "RANK: .* got 'one'"),
+        ({"RANK": "-1"}, "RANK: .* got '-1'"),
+        ({"WORLD_SIZE": "2"}, "RANK: .* at most 1, .* got nothing"),
+        ({"WORLD_SIZE": "2", "RANK": "2"}, "RANK: .* at most 1, .* got '2'"),
+        ({"WORLD_SIZE": "2", "RANK": ""}, "RANK: .* got ''"),
+        ({"WORLD_SIZE": "0"}, "WORLD_SIZE: expected an integer of at least 1, .* got '0'"),
+        ({"WORLD_SIZE": "0", "RANK": "0"}, "WORLD_SIZE: "),
+        ({"WORLD_SIZE": ""}, "WORLD_SIZE: .* got ''"),
+        ({"WORLD_SIZE": "two", "RANK": "0"}, "WORLD_SIZE: .* got 'two'"),
+    ],
+)
+def test_what_torchrun_says(variables, place, monkeypatch):
+    for name in ("WORLD_SIZE", "RANK"):
+        monkeypatch.delenv(name, raising=False)
+        if name in variables:
+            monkeypatch.setenv(name, variables[name])
+    if isinstance(place, tuple):
+        assert launched() == place
+        return
+    for ask in (launched, lambda: Processes.joined(CPU)):
+        with pytest.raises(ValueError, match=f"^{place}"):
+            ask()

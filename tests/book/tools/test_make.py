@@ -292,3 +292,33 @@ def test_trying_at_another_scale(command, make, book, monkeypatch):
     monkeypatch.setattr(measuring, command, lambda page, book, scale: called.append(scale))
     assert make.main([command, "1", "--scale", "tiny"]) == 0
     assert called == ["tiny"]
+
+
+def run(*words, **more):
+    command = [sys.executable, str(BOOK / "make.py"), *words]
+    return subprocess.run(command, text=True, stderr=subprocess.PIPE, timeout=120, **more)
+
+
+def test_help_without_docstrings():
+    done = run("--help", stdout=subprocess.PIPE, env={**os.environ, "PYTHONOPTIMIZE": "2"})
+    assert done.returncode == 0 and not done.stderr
+    assert all(f"    {name} " in done.stdout for name in COMMANDS)
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a full device")
+def test_output_that_cannot_be_written_is_said():
+    with open("/dev/full", "w") as full:
+        env = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+        done = run("claims", "--status", "index", stdout=full, env=env)
+    assert done.returncode == 1
+    assert done.stderr.splitlines() == [
+        "make.py claims: [Errno 28] No space left on device: 'standard output'"
+    ]
+
+
+def test_a_reader_who_has_seen_enough():
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "w") as closed:
+        done = run("claims", "--status", "index", stdout=closed)
+    assert done.returncode == 1 and done.stderr == ""
