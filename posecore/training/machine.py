@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -56,22 +57,21 @@ def launched() -> tuple[int, int]:
         ValueError: naming the variable of the environment, if `WORLD_SIZE` is no number of
             processes, or `RANK` is none of their places. Of several, a place must be given.
     """
-    count = _variable("WORLD_SIZE", 1, 1, None)
-    rank = _variable("RANK", 0 if count == 1 else None, 0, count - 1)
-    return rank, count
+    count = _variable("WORLD_SIZE", 1, "an integer of at least 1", range(1, sys.maxsize))
+    below = f"an integer from 0 to {count - 1}, below WORLD_SIZE"
+    return _variable("RANK", 0 if count == 1 else None, below, range(count)), count
 
 
-def _variable(name: str, default: int | None, low: int, high: int | None) -> int:
-    text = os.environ.get(name, "" if default is None else str(default))
+def _variable(name: str, default: int | None, words: str, allowed: range) -> int:
+    text = os.environ.get(name)
+    if text is None and default is not None:
+        return default
     try:
-        value = int(text)
+        if (value := int(text or "")) in allowed:
+            return value
     except ValueError:
-        value = low - 1
-    if value < low or (high is not None and value > high):
-        most = "" if high is None else f" and at most {high}, as WORLD_SIZE says"
-        words = f"an integer of at least {low}{most}, as torchrun sets it, or neither variable"
-        fail(name, words, repr(text) if name in os.environ else "nothing")
-    return value
+        pass
+    fail(name, f"{words}; torchrun sets both", "nothing" if text is None else repr(text))
 
 
 def convolves(model: nn.Module) -> bool:
