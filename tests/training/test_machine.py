@@ -111,7 +111,7 @@ def test_a_device_that_holds_no_numbers_is_refused():
         ({"WORLD_SIZE": "2"}, "RANK: .* from 0 to 1, .* got nothing"),
         ({"WORLD_SIZE": "2", "RANK": "2"}, "RANK: .* from 0 to 1, .* got '2'"),
         ({"WORLD_SIZE": "2", "RANK": ""}, "RANK: .* got ''"),
-        ({"WORLD_SIZE": "0"}, "WORLD_SIZE: expected an integer of at least 1, .* got '0'"),
+        ({"WORLD_SIZE": "0"}, "WORLD_SIZE: expected an integer of at least 1; .* got '0'"),
         ({"WORLD_SIZE": "0", "RANK": "0"}, "WORLD_SIZE: "),
         ({"WORLD_SIZE": ""}, "WORLD_SIZE: .* got ''"),
         ({"WORLD_SIZE": "two", "RANK": "0"}, "WORLD_SIZE: .* got 'two'"),
