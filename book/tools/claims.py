@@ -176,8 +176,9 @@ class LedgerTable:
             body += "</tr>"
         foot = html.escape(self._footnote())
         table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-        # On a phone the table is pushed sideways, and not the page.
-        return f'<div style="overflow-x: auto">{table}</div><p>{foot}</p>'
+        # On a phone the table is pushed sideways, and not the page; elsewhere by the arrow keys.
+        box = 'style="overflow-x: auto" tabindex="0" role="region" aria-label="Claims"'
+        return f"<div {box}>{table}</div><p>{foot}</p>"
 
     def _grouped(self) -> Iterator[tuple[str, Row]]:
         """Each row, with the name of its group where that begins."""

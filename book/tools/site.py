@@ -6,12 +6,16 @@ that the notebooks themselves stay as a reader of JupyterLab wants them:
 - the table of contents becomes the order of the pages;
 - a link to a work that `site/references.bib` has gets a footnote with the full reference;
 - stored pictures become files with their alt text, widgets without a picture are left out;
-- exercises and solutions say at their top what they are.
+- exercises and solutions say at their top what they are;
+- a header cell of a table that heads nothing is a plain one.
+
+A build that is killed leaves its folder, `.site-*`, which the next one takes away.
 """
 
 from __future__ import annotations
 
 import base64
+import contextlib
 import hashlib
 import os
 import re
@@ -19,6 +23,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -31,6 +36,7 @@ from pybtex.database import parse_file
 from book.tools.contents import BOOK, ROOT, pages
 from book.tools.execution import WIDGET_VIEW
 from book.tools.notebooks import read_notebook
+from data_tools.storage.locks import byte_lock
 from posecore.arrays import fail
 
 __all__ = ["build"]
@@ -40,6 +46,10 @@ PARTS = ("exercises", "solutions")
 SUFFIXES = {"image/png": ".png", "image/jpeg": ".jpeg", "image/svg+xml": ".svg"}
 # Code comes first: what looks like a link inside it is none.
 LINK = re.compile(r"(`+).+?\1|\[[^\]]*\]\((?P<to>[^)\s]+)\)", re.S)
+EMPTY_HEADER = re.compile(r"<th\b([^>]*)>\s*(?:<p>\s*</p>)?\s*</th>")
+UNFINISHED = ".site-"
+ALIVE = "alive"  # a file that a build has locked until it ends
+FORGOTTEN = 3600  # seconds after which a folder without that file is nobody's
 # What MathJax loads on the site: itself, its fonts, and the commands that it has in extra files.
 MATHJAX = ("tex-mml-chtml.js", "output/chtml/fonts/woff-v2/*", "input/tex/extensions/*")
 
@@ -92,18 +102,43 @@ def build(output: Path = BOOK / "_build" / "html", book: Path = BOOK) -> Path:
     if output.exists() and any(output.iterdir()) and not (output / "searchindex.js").is_file():
         fail("output", "a new or empty folder, or an earlier site", output)
     output.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".site-", dir=output.parent) as folder:
+    _forget_killed(output.parent)
+    with _working_folder(output.parent) as folder:
         built = Path(folder, "html")
         stage = _Stage(Path(book).resolve(), Path(folder, "project"))
         stage.fill()
         _run_sphinx(stage.source, built)
         _copy_mathjax(built / "_static" / "mathjax")
         _drop_what_no_page_loads(built / "_static")
+        for page in built.rglob("*.html"):
+            page.write_bytes(EMPTY_HEADER.sub(r"<td\1></td>", page.read_text("utf-8")).encode())
         # The theme's download button offers what Sphinx read; readers want the notebook itself.
         for name in stage.names():
             shutil.copyfile(stage.book / name, built / "_sources" / name)
         _replace(built, output, Path(folder, "old"))
     return output
+
+
+@contextlib.contextmanager
+def _working_folder(parent: Path) -> Iterator[str]:
+    """A folder of this build; whoever finds it can tell whether the build goes on."""
+    with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=parent) as folder:
+        alive = Path(folder, ALIVE)
+        alive.touch()
+        with byte_lock(alive):
+            yield folder
+
+
+def _forget_killed(parent: Path) -> None:
+    """Take away the folders of builds that were killed."""
+    for folder in parent.glob(f"{UNFINISHED}*"):
+        with contextlib.suppress(OSError):  # another build was quicker
+            age = time.time() - folder.stat().st_mtime
+            with byte_lock(folder / ALIVE) as free:
+                # One that has just begun may not have locked its file yet.
+                dead = free and age > (60 if (folder / ALIVE).exists() else FORGOTTEN)
+            if dead:
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def _run_sphinx(source: Path, built: Path) -> None:

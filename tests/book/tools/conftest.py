@@ -32,6 +32,7 @@ name = "02_second"
 
 CURVES = "accuracy of two methods over the threshold"
 GRID = "four pictures [of] *noise* & <more>, 100 % \\"
+WIDE = "four pictures in a row"
 VIEWER = "two spheres of points, a box around the first"
 FIRST = """\
 # Poses, first of all
@@ -64,6 +65,10 @@ TABLE = """\
 |---|---|---|---|---|
 | ADD | how far do points move? | mm | the object is symmetric | symmetric_averages |
 | 2D projection | how far do pixels move? | px | the object is far away | depth |
+
+| | asks |
+|---|---|
+| ADD | how far? |
 
 > A metric is a question. Ask the right one.[^note]
 
@@ -124,6 +129,12 @@ def _grid():
     return figures.picture_grid(images, titles=list("abcd"), alt=GRID)
 
 
+def _wide():
+    """A picture as wide as a page of paper, of which a phone shows less than half."""
+    image = np.random.default_rng(0).integers(0, 256, (40, 120, 3), dtype=np.uint8)
+    return figures.picture_grid([image] * 4, columns=4, alt=WIDE)
+
+
 def _viewer():
     points = np.random.default_rng(0).normal(size=(600, 3))
     points /= 10 * np.linalg.norm(points, axis=1, keepdims=True)
@@ -159,6 +170,7 @@ def _cells():
             new_markdown_cell(
                 "## A heading with Capitals\n\nSee [before](01_first.ipynb#What-it-is-good-for)."
             ),
+            _cell("figures.picture_grid(rows)", _wide()),
         ],
         "exercises/01_first": [
             new_markdown_cell("# Exercises: poses" + back),

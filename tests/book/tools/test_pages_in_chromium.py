@@ -306,3 +306,48 @@ def test_wide_things_scroll_in_their_own_box(page):
             return box.scrollWidth > box.clientWidth + 5 &&
                 ['auto', 'scroll'].includes(getComputedStyle(box).overflowX); }})"""
         assert browser.run(wider), part
+
+
+FIGURE = "document.querySelectorAll('.figure-frame')[0]"
+
+
+def test_a_figure_that_a_phone_shrinks_grows_at_a_tap(page):
+    browser = page("02_second.html", PHONE)
+    width = f"{FIGURE}.querySelector('img').clientWidth"
+    natural = browser.run(f"{FIGURE}.querySelector('img').naturalWidth")
+    assert browser.run(width) < natural / 2
+    button = f"{FIGURE}.querySelector('button')"
+    assert browser.run(f"{button}.innerText") == "Enlarge"
+    assert browser.run(f"{button}.getAttribute('aria-expanded')") == "false"
+    for tapped in ("img", "button"):
+        browser.run(f"{FIGURE}.querySelector({tapped!r}).click()")
+        assert browser.run(width) == natural
+        assert browser.run(f"{button}.getAttribute('aria-expanded')") == "true"
+        view = f"{FIGURE}.querySelector('.figure-view')"
+        assert browser.run(f"{view}.scrollWidth > {view}.clientWidth && {view}.tabIndex === 0")
+        assert browser.run("document.documentElement.scrollWidth <= innerWidth")
+        browser.run(f"{button}.click()")
+        assert browser.run(width) < natural / 2
+    assert browser.run(f"{FIGURE}.querySelector('img').alt") == "four pictures in a row"
+
+
+def test_a_figure_that_is_whole_has_no_button(page):
+    browser = page("01_first.html", (1800, 900))
+    shown = "Array.from(document.querySelectorAll('.figure-size')).filter(b => b.offsetHeight)"
+    shrunk = """Array.from(document.querySelectorAll('.figure-frame img')).filter(
+        i => i.clientWidth < 0.85 * i.naturalWidth)"""
+    assert browser.run(f"{shown}.length") == browser.run(f"{shrunk}.length") < 2
+
+
+def test_what_scrolls_is_reached_by_keyboard(page):
+    browser = page("01_first.html", PHONE)
+    boxes = """Array.from(document.querySelectorAll('article *')).filter(function (box) {
+        return box.scrollWidth > box.clientWidth + 1 && box.clientWidth > 0 &&
+            ['auto', 'scroll'].includes(getComputedStyle(box).overflowX) &&
+            !box.closest('mjx-assistive-mml'); })"""
+    assert _wait(lambda: browser.run(f"{boxes}.length") >= 3 or None)
+    unreached = f"{boxes}.filter(b => b.tabIndex < 0).map(b => b.outerHTML.slice(0, 200))"
+    assert not browser.run(unreached)
+    claims = "document.querySelector('[role=region][aria-label=Claims]')"
+    browser.run(f"{claims}.focus()")
+    assert browser.run(f"document.activeElement === {claims}")

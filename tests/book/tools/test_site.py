@@ -4,6 +4,9 @@ import json
 import os
 import re
 import shutil
+import subprocess
+import sys
+import time
 from functools import lru_cache
 from urllib.parse import unquote, urlsplit
 
@@ -446,3 +449,66 @@ def test_the_old_site_comes_back_if_the_new_one_cannot_take_its_place(tmp_path, 
     with pytest.raises(OSError, match="no space left"):
         making._replace(tmp_path / "built", tmp_path / "output", tmp_path / "old")
     assert (tmp_path / "output" / "index.html").read_text() == "output"
+
+
+def test_no_header_cell_of_a_table_is_empty(small, site):
+    tables = 0
+    for folder in (small, _pages(site.folder)):
+        for name, page in folder.items():
+            for table in page.find_all("table"):
+                tables += 1
+                empty = [th for th in table.find_all("th") if not th.get_text(strip=True)]
+                assert not empty, (name, empty[0].parent)
+                assert table.find("th"), name
+    assert tables > 5
+
+
+def test_killed_builds_leave_nothing_for_long(tmp_path, monkeypatch):
+    """A build that goes on is known by its lock."""
+    folders = {}
+    for name, age in (("killed", 99), ("begun", 5), ("running", 99), ("old", 7200), ("new", 99)):
+        folders[name] = folder = tmp_path / f".site-{name}"
+        (folder / "html").mkdir(parents=True)
+        if name in ("killed", "begun", "running"):
+            (folder / "alive").touch()
+        os.utime(folder, (time.time() - age,) * 2)
+    (tmp_path / "html").mkdir()
+    held = """
+import sys, time
+from pathlib import Path
+from data_tools.storage.locks import byte_lock
+with byte_lock(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+    owner = subprocess.Popen(
+        [sys.executable, "-c", held, folders["running"] / "alive"], stdout=subprocess.PIPE
+    )
+    try:
+        owner.stdout.readline()
+        making._forget_killed(tmp_path)
+        assert {path.name for path in tmp_path.iterdir()} == {
+            "html", ".site-begun", ".site-running", ".site-new",
+        }  # fmt: skip
+    finally:
+        owner.kill()
+        owner.communicate()
+    making._forget_killed(tmp_path)
+    assert not folders["running"].exists()
+
+
+def test_a_build_takes_away_what_a_killed_one_left_and_tells_that_it_runs(copy, monkeypatch):
+    book, output = copy
+    left = output.parent / ".site-left"
+    left.mkdir()
+    os.utime(left, (0, 0))
+
+    def sphinx(source, built):
+        assert not left.exists()
+        assert (built.parent / "alive").is_file()
+        raise ValueError("enough")
+
+    monkeypatch.setattr(making, "_run_sphinx", sphinx)
+    with pytest.raises(ValueError, match="enough"):
+        making.build(output, book)
+    assert sorted(path.name for path in output.parent.iterdir()) == ["html", "project"]
