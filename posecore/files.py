@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-__all__ = ["hash_files", "write_bytes"]
+__all__ = ["hash_files", "own_stream", "write_bytes"]
 
 
 def hash_files(files: Iterable[tuple[str, Path]]) -> str:
@@ -49,7 +49,7 @@ def write_bytes(path: Path, data: bytes) -> None:
     path = Path(path)
     with _naming(path):
         status = _status(path)
-        if (stream := _own_stream(status)) is not None:
+        if (stream := own_stream(path)) is not None:
             _write_all(stream, data)
         elif status is None or stat.S_ISREG(status.st_mode):
             _replace(path, data, None if status is None else stat.S_IMODE(status.st_mode))
@@ -104,8 +104,13 @@ def _replace(path: Path, data: bytes, mode: int | None) -> None:
         raise
 
 
-def _own_stream(status: os.stat_result | None) -> int | None:
-    """1 or 2 if that output of this process is what lies there, by whatever name."""
+def own_stream(path: Path) -> int | None:
+    """1 or 2 if that output of this process is what lies there, by whatever name; else None.
+
+    Raises:
+        OSError: if it cannot be seen what is there.
+    """
+    status = _status(Path(path))
     if status is None or os.path.samestat(status, os.stat(os.devnull)):
         return None
     for stream in (1, 2):

@@ -139,9 +139,14 @@ class BopDataset(Dataset):
         """(scene id, image id) of every view."""
         return list(self._index)
 
-    def ground_truth(self) -> PoseTable:
-        """All poses of the split, in the order of the views; no image is read for it."""
-        keys = [(*key, row) for key in self._index for row in self._rows(*key)]
+    def ground_truth(self, targets_only: bool = True) -> PoseTable:
+        """All poses of the split, in the order of the views; no image is read for it.
+
+        Args:
+            targets_only: of images with targets only these, as the views have it; else whatever
+                is known to be in the images that have some.
+        """
+        keys = [(*key, row) for key in self._index for row in self._rows(*key, targets_only)]
         rows = [(self._annotations_of(scene), row) for scene, _, row in keys]
         return PoseTable(
             scene_id=np.array([scene for scene, _, _ in keys], np.int64),
@@ -208,11 +213,13 @@ class BopDataset(Dataset):
             self._shapes[object_id] = (info.size, info.symmetries()) if info else (None, None)
         return self._shapes[object_id]
 
-    def _rows(self, scene_id: int, image_id: int) -> list[int]:
+    def _rows(self, scene_id: int, image_id: int, targets_only: bool = True) -> list[int]:
         """The rows of the objects in an image, those that are targets if there are targets."""
         annotations = self._annotations_of(scene_id)
         rows = annotations.rows.get(image_id, range(0))
-        if self._targets is None:
+        if annotations.known is not None:
+            rows = [row for row in rows if annotations.known[row]]
+        if self._targets is None or not targets_only:
             return list(rows)
         wanted = self._targets[scene_id, image_id]
         chosen: list[int] = []

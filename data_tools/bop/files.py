@@ -30,6 +30,7 @@ __all__ = [
 ]
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+LARGEST_ID = 10**18 - 1  # what fits into 64 bits, and is said easily
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
@@ -168,10 +169,11 @@ def read_number(where: str, entry: Any, key: str) -> float:
 
 
 def read_integer(where: str, entry: Any, key: str) -> int:
-    """The integer of at least 0 under `key` of a JSON object."""
+    """The integer from 0 to `LARGEST_ID` under `key` of a JSON object."""
     value = _entry(where, entry, key)
-    if type(value) is not int or value < 0:
-        raise ValueError(f"{where}: {key}: expected an integer of at least 0, got {_short(value)}")
+    if type(value) is not int or not 0 <= value <= LARGEST_ID:
+        bounds = f"from 0 to {LARGEST_ID}" if type(value) is int and value > 0 else "of at least 0"
+        raise ValueError(f"{where}: {key}: expected an integer {bounds}, got {_short(value)}")
     return value
 
 
@@ -196,5 +198,8 @@ def _entry(where: str, entry: Any, key: str) -> Any:
 
 
 def _short(value: Any) -> str:
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to write an integer of thousands of digits
+        return "a number of thousands of digits"
     return text if len(text) <= 80 else text[:77] + "..."

@@ -128,7 +128,7 @@ def _read_row(path: Path, number: int, line: str) -> tuple:
             bad = texts[numbers.index(None)]
             refuse(f"column {column}: expected finite numbers, got {bad!r}")
         if column == "t":
-            numbers = [float(Decimal(text).scaleb(-3)) for text in texts]
+            numbers = [_metres(text) for text in texts]
         values.append(numbers if count > 1 else numbers[0])
     return tuple(values)
 
@@ -141,6 +141,14 @@ def _number(text: str) -> float | None:
         return None
     # Python takes 1_000 for a number; in a results file it is damage.
     return number if math.isfinite(number) and "_" not in text else None
+
+
+def _metres(millimetres: str) -> float:
+    """A text of millimetres as metres: the point moved by three, nothing rounded."""
+    try:
+        return float(Decimal(millimetres).scaleb(-3))
+    except ArithmeticError:  # an exponent beyond those of decimals, whose float is 0
+        return float(millimetres) / 1000
 
 
 def _millimetres(metres: float) -> str:

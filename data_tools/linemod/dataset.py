@@ -37,6 +37,7 @@ from data_tools.linemod.models import LinemodModels
 from data_tools.linemod.poses import Frame, read_frames
 from data_tools.views import Dataset, ObjectView, View
 from posecore.arrays import fail, require_choice
+from posecore.metrics.pose_table import PoseTable
 
 __all__ = ["LinemodDataset"]
 
@@ -136,6 +137,31 @@ class LinemodDataset(Dataset):
     def images(self) -> list[tuple[int, int]]:
         """(object id, image number) of every view."""
         return list(self._index)
+
+    def ground_truth(self) -> PoseTable:
+        """All poses of the split, in the order of the views; no image is read for it."""
+        frames = [self._frames_of(object_id)[image] for object_id, image in self._index]
+        scene_id, image_id = np.array(self._index, np.int64).T
+        return PoseTable(
+            scene_id=scene_id,
+            image_id=image_id,
+            object_id=scene_id,
+            R=np.array([frame.R for frame in frames]),
+            t=np.array([frame.t for frame in frames]),
+            score=np.ones(len(frames)),
+            time=np.full(len(frames), -1.0),
+        )
+
+    def camera(self, scene_id: int, image_id: int) -> Frame:
+        """The camera of one image, `K` (3, 3), with what else is known of the image.
+
+        Raises:
+            ValueError: if the split holds no such image.
+        """
+        frames = self._frames_of(scene_id) if scene_id in self._folders else {}
+        if image_id not in frames:
+            fail("image_id", f"an image of object {scene_id} in {self.path}", image_id)
+        return frames[image_id]
 
     def models(self) -> LinemodModels:
         """The objects' models.

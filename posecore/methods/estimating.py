@@ -16,6 +16,7 @@ from tqdm.auto import tqdm
 from data_tools.bop import write_results
 from data_tools.views import Dataset
 from posecore.arrays import fail
+from posecore.methods.outputs import check_outputs, say_beside
 from posecore.methods.runs import Run
 from posecore.methods.sources import SOURCE, open_source
 from posecore.metrics.pose_table import PoseTable
@@ -97,15 +98,15 @@ def estimate(
         OSError: if the results cannot be written.
     """
     output = Path(options.output)
-    if not output.resolve().parent.is_dir():
-        fail("--output", "a file in a folder that exists", options.output)
+    folder = options.data.partition(":")[2]
+    check_outputs({"--output": options.output}, (options.run, folder, options.targets))
     run = read_run(options.run)
     dataset = _open(options, run)
     estimator = new_estimator(run, options, choose_device(options.device))
     table, seconds = estimate_views(estimator, dataset, options.data)
     write_results(output, table)
     spent = f", {1000 * np.median(seconds):.0f} ms an image (median)" if seconds else ""
-    print(f"{output}: {len(table)} poses in {len(seconds)} images{spent}")
+    say_beside(f"{output}: {len(table)} poses in {len(seconds)} images{spent}", (options.output,))
 
 
 def estimate_views(

@@ -6,17 +6,18 @@ import argparse
 import io
 import json
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-import data_tools
-from data_tools.bop import Models, read_results
-from data_tools.bop.files import read_json, read_number
+from data_tools.bop import read_results
+from data_tools.views import ModelSet
 from posecore import figures, rotations
 from posecore.arrays import fail
 from posecore.files import write_bytes
+from posecore.methods import units
 from posecore.methods.notes import note
+from posecore.methods.outputs import check_outputs, say_beside
+from posecore.methods.truth import Truth, kind_of, read_truth
 from posecore.metrics import evaluation, report
 from posecore.metrics.pose_table import PoseTable
 
@@ -24,24 +25,10 @@ __all__ = ["add_evaluate", "evaluate"]
 
 DESCRIPTION = """Measure estimated poses against ground truth with every metric of the field.
 Estimates are a CSV file in the BOP format (scene_id,im_id,obj_id,score,R,t,time; millimetres);
-ground truth is such a file too, or bop:PATH, the folder of a BOP dataset. A pose that was not
-estimated counts as wrong; of an image with n instances of an object the n surest estimates are
-taken."""
+ground truth is such a file too, or bop:PATH or linemod:PATH, the folder of a dataset. A pose that
+was not estimated counts as wrong; of an image with n instances of an object the n surest estimates
+are taken."""
 CURVE_ENDINGS = (".png", ".pdf", ".svg")
-WIDTH = 640.0  # pixels, of BOP's thresholds on MSPD, which grow with the images
-
-
-class Truth(NamedTuple):
-    """What the estimates are measured against."""
-
-    poses: PoseTable
-    images: list[tuple[int, int]]
-    """(scene id, image id) of the evaluated images, some of which may hold no object."""
-    models: Models
-    K: np.ndarray | None
-    """(3, 3), or (G, 3, 3) for each pose."""
-    width: float
-    """Of the images, in pixels."""
 
 
 def add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -51,13 +38,15 @@ def add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     command.set_defaults(command=evaluate)
     command.add_argument("estimates", metavar="ESTIMATES.csv")
-    command.add_argument("ground_truth", metavar="GROUND_TRUTH", help="a CSV file, or bop:PATH")
-    command.add_argument("--split", help="with bop:PATH: which part, if there are several")
+    command.add_argument(
+        "ground_truth", metavar="GROUND_TRUTH", help="a CSV file, bop:PATH or linemod:PATH"
+    )
+    command.add_argument("--split", help="of a dataset: which part, if there are several")
     command.add_argument("--targets", metavar="FILE", help="with bop:PATH: test_targets_bop19.json")
     command.add_argument(
         "--models",
         metavar="DIR",
-        help="folder with models_info.json and obj_000001.ply (default: those of bop:PATH)",
+        help="folder with models_info.json and obj_000001.ply (default: those of the dataset)",
     )
     command.add_argument(
         "--camera",
@@ -89,72 +78,39 @@ def evaluate(options: argparse.Namespace) -> None:
     """
     _check_outputs(options)
     estimates = read_results(options.estimates, rotations=options.rotations)
-    is_dataset = options.ground_truth.startswith("bop:")
-    truth = (_from_dataset if is_dataset else _from_files)(options)
+    truth = read_truth(options)
     wanted = set(truth.poses.object_id.tolist() if options.objects is None else options.objects)
     models = _to_object_models(truth.models, wanted)
     errors = evaluation.evaluate(
-        estimates, truth.poses, models, truth.K, options.objects, truth.images
+        estimates, truth.poses, models, truth.K, options.objects, truth.images, truth.others
     )
-    _explain(estimates, truth, models, list(errors))
+    _explain(estimates, truth, models, errors)
     lines = report.report(errors, truth.width)
-    print(report.to_text(lines))
+    curve = None
+    if options.curve:
+        curve = _draw(errors, Path(options.curve).suffix[1:].lower())
+    # Before anything is printed: whoever reads the table may stop at its first line.
     if options.json:
         write_bytes(Path(options.json), _to_json(lines))
-    if options.curve:
-        write_bytes(Path(options.curve), _draw(errors, Path(options.curve).suffix[1:].lower()))
+    if curve is not None:
+        write_bytes(Path(options.curve), curve)
+    say_beside(report.to_text(lines), (options.json, options.curve))
 
 
 def _check_outputs(options: argparse.Namespace) -> None:
     """Refuse what could not be written in the end, before all the work."""
-    for name in ("curve", "json"):
-        file = getattr(options, name)
-        if file and not Path(file).resolve().parent.is_dir():
-            fail(f"--{name}", "a file in a folder that exists", file)
+    files = {"--curve": options.curve, "--json": options.json}
+    truth, kind = options.ground_truth, kind_of(options.ground_truth)
+    inputs = [options.estimates, truth if kind is None else truth[len(kind) + 1 :], options.models]
+    inputs += [options.camera, options.targets]
+    if options.models:
+        inputs.append(str(Path(options.models).resolve().parent / "camera.json"))
+    check_outputs(files, inputs)
     if options.curve and Path(options.curve).suffix.lower() not in CURVE_ENDINGS:
         fail("--curve", "a file that ends in " + ", ".join(CURVE_ENDINGS), options.curve)
 
 
-def _from_dataset(options: argparse.Namespace) -> Truth:
-    if options.camera:
-        fail("--camera", "nothing, as every image of bop:PATH has a camera", options.camera)
-    dataset = data_tools.open(
-        options.ground_truth,
-        split=options.split,
-        targets=options.targets,
-        rotations=options.rotations,
-    )
-    poses = dataset.ground_truth()
-    K = np.reshape([dataset.camera(*image).K for image in poses.images], (-1, 3, 3))
-    models = Models(options.models) if options.models else dataset.models()
-    path = dataset.path / "camera.json"
-    if path.is_file():
-        return Truth(
-            poses, dataset.images, models, K, read_number(str(path), read_json(path), "width")
-        )
-    note(f"no {path}: images are taken to be {WIDTH:.0f} pixels wide (thresholds of MSPD)")
-    return Truth(poses, dataset.images, models, K, WIDTH)
-
-
-def _from_files(options: argparse.Namespace) -> Truth:
-    if not options.models:
-        fail("--models", "a folder of models", "none")
-    for name in ("split", "targets"):
-        if getattr(options, name):
-            fail(f"--{name}", "nothing, as the ground truth is no bop:PATH", getattr(options, name))
-    poses = read_results(options.ground_truth, rotations=options.rotations)
-    models = Models(options.models)
-    path = Path(options.camera or Path(options.models).resolve().parent / "camera.json")
-    if not options.camera and not path.is_file():
-        note(f"no {path}, so no errors in pixels (--camera names another)")
-        return Truth(poses, poses.images, models, None, WIDTH)
-    camera = read_json(path)
-    fx, fy, cx, cy = (read_number(str(path), camera, name) for name in ("fx", "fy", "cx", "cy"))
-    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    return Truth(poses, poses.images, models, K, read_number(str(path), camera, "width"))
-
-
-def _to_object_models(models: Models, wanted: set[int]) -> dict[int, evaluation.ObjectModel]:
+def _to_object_models(models: ModelSet, wanted: set[int]) -> dict[int, evaluation.ObjectModel]:
     """The models of the wanted objects that have a mesh."""
     result = {}
     for object_id in sorted(wanted & set(models.ids)):
@@ -182,9 +138,13 @@ def _to_object_models(models: Models, wanted: set[int]) -> dict[int, evaluation.
 
 
 def _explain(
-    estimates: PoseTable, truth: Truth, models: dict[int, evaluation.ObjectModel], ids: list[int]
+    estimates: PoseTable,
+    truth: Truth,
+    models: dict[int, evaluation.ObjectModel],
+    errors: dict[int, evaluation.ObjectErrors],
 ) -> None:
     """Say what was left out, and what looks odd."""
+    ids = list(errors)
     bare = [i for i in ids if i not in models]
     if bare:
         note(f"no model of objects {bare}: for them only errors of rotation and translation")
@@ -207,12 +167,16 @@ def _explain(
                 f"angles and boxes of objects {np.unique(table.object_id[improper]).tolist()} "
                 "(--rotations project takes the nearest rotations)"
             )
-    far = [np.median(np.linalg.norm(table.t, axis=1)) for table in (estimates, poses) if len(table)]
-    if len(far) == 2 and not 1 / 50 < far[0] / far[1] < 50:
+    if (hidden := [one.in_front for one in errors.values() if one.in_front is not None]) and (
+        count := int(np.sum([(~mask).sum() for mask in hidden]))
+    ):
         note(
-            f"estimates are {far[0]:.3g} m from the camera, the ground truth {far[1]:.3g} m: "
-            "both files should be in millimetres"
+            f"{count} of {sum(map(len, hidden))} true poses are not all in front of the camera: "
+            "they are left out of whatever is measured in pixels"
         )
+    diameters = {i: model.diameter for i, model in models.items()}
+    for text in units.of_tables({"estimates": estimates, "ground truth": poses}, diameters):
+        note(text)
 
 
 def _to_json(lines: list[report.Line]) -> bytes:

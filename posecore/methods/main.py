@@ -4,33 +4,93 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import signal
 import sys
 import warnings
 from collections.abc import Sequence
+from types import FrameType
 
 from data_tools.storage import MakingError
 from posecore.methods import METHODS
 from posecore.methods.evaluating import add_evaluate
-from posecore.methods.notes import note
+from posecore.methods.notes import OUTPUT, leave_output, note, warn
 
-__all__ = ["main"]
+__all__ = ["main", "parse", "run"]
+
+INTERRUPTED, PIPE_CLOSED = 130, 141  # 128 and the number of the signal, as a shell has it
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status: 0, or 2 for input that cannot be used."""
+    """Run the command line.
+
+    Returns:
+        The exit status: 0; 2 for input that cannot be used; 130 after Ctrl-C; 141 if nobody reads
+        the output to its end, as with `| head`.
+    """
+    return run(parse(arguments))
+
+
+def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """The options of the command line; ends the process with 2 for what is no command."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    options = _parser(arguments).parse_args(arguments)
-    with warnings.catch_warnings():
+    return _parser(arguments).parse_args(arguments)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run a command of the command line; returns the exit status, as `main` does."""
+    with warnings.catch_warnings(), _Interrupt() as interrupt:
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = lambda message, *_: note(
             str(message).replace("rotations='as_read'", "--rotations as_read")
         )
         try:
             options.command(options)
-        except (ValueError, OSError, MakingError) as error:
-            print(f"error: {error}", file=sys.stderr)
+        except KeyboardInterrupt:
+            return _interrupted()
+        except (ValueError, OSError, MakingError, MemoryError) as error:
+            if interrupt.came:
+                return _interrupted()
+            if getattr(error, "filename", None) == OUTPUT:
+                leave_output()
+                if isinstance(error, BrokenPipeError):
+                    return PIPE_CLOSED
+            what = str(error) or "not enough memory"
+            warn(f"error: {' '.join(what.splitlines())}")
             return 2
+        except Exception:
+            if interrupt.came:
+                return _interrupted()
+            raise
     return 0
+
+
+class _Interrupt:
+    """Remembers that Ctrl-C was pressed, as libraries make errors of their own of it."""
+
+    came = False
+
+    def __enter__(self) -> _Interrupt:
+        self._listens = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        try:
+            if self._listens:
+                signal.signal(signal.SIGINT, self._arrives)
+        except ValueError:  # not the main thread
+            self._listens = False
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._listens:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def _arrives(self, number: int, frame: FrameType | None) -> None:
+        self.came = True
+        signal.default_int_handler(number, frame)
+
+
+def _interrupted() -> int:
+    leave_output()
+    warn("\ninterrupted" if sys.stderr is not None and sys.stderr.isatty() else "interrupted")
+    return INTERRUPTED
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

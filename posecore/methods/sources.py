@@ -7,6 +7,8 @@ from typing import Any
 
 import data_tools
 from data_tools.views import Dataset
+from posecore.methods import units
+from posecore.methods.notes import note
 
 __all__ = ["SOURCE", "open_source"]
 
@@ -23,11 +25,13 @@ def open_source(
 ) -> Dataset:
     """Open a dataset as `data_tools.open` does; of worlds at a scale, with a bar if `show`.
 
+    Units that cannot be right are said in a note, if `show`.
+
     Args:
         source: as for `data_tools.open`.
         split: which part, or None for the only one.
         scale_name: of worlds; None for the one in force.
-        show: a bar in a terminal while a world is made.
+        show: a bar in a terminal while a world is made, and notes.
         options: what the reader takes besides, such as `targets` of a BOP dataset.
 
     Raises:
@@ -35,4 +39,8 @@ def open_source(
     """
     if ":" not in source:  # a world, which has scales, and is made on first use
         options |= {"scale": scale_name, "progress": show and sys.stderr.isatty()}
-    return data_tools.open(source, split=split, **options)
+    dataset = data_tools.open(source, split=split, **options)
+    if ":" in source and show and isinstance(dataset, Dataset):
+        for text in units.of_dataset(dataset):
+            note(f"{source}: {text}")
+    return dataset

@@ -1,7 +1,7 @@
 """Metrics: errors of single poses, overlap of boxes, and what is made of many errors."""
 
 from posecore.metrics.boxes import box_corners, nocs_legacy_iou, oriented_iou_3d
-from posecore.metrics.detection import average_precision, match_by_overlap
+from posecore.metrics.detection import average_precision, match_by_error, match_by_overlap
 from posecore.metrics.model_errors import add, add_s, mspd, mssd, projection_2d
 from posecore.metrics.pose_errors import (
     axis_error,
@@ -36,6 +36,7 @@ __all__ = [
     "balanced_mean_angular_error",
     "box_corners",
     "closest_symmetry",
+    "match_by_error",
     "match_by_overlap",
     "mean_absolute_error",
     "mspd",

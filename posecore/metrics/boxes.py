@@ -75,7 +75,8 @@ def oriented_iou_3d(
         x.detach().cpu().double().expand(*batch, *(3,) * core).reshape(-1, *(3,) * core).numpy()
         for x, core in arguments
     ]
-    overlap = np.array([_intersection(*pair) for pair in zip(*boxes, strict=True)])
+    with np.errstate(over="ignore"):  # boxes so far apart that the squared distance is infinite
+        overlap = np.array([_intersection(*pair) for pair in zip(*boxes, strict=True)])
     volume_1, volume_2 = boxes[2].prod(-1), boxes[5].prod(-1)
     iou = overlap / (volume_1 + volume_2 - overlap)
     return torch.from_numpy(iou.reshape(batch)).to(t_1.device)

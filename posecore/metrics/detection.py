@@ -7,7 +7,7 @@ from torch import Tensor
 
 from posecore.arrays import Array, fail, require_integer, require_number, to_numbers
 
-__all__ = ["average_precision", "match_by_overlap"]
+__all__ = ["average_precision", "match_by_error", "match_by_overlap", "pair_by_overlap"]
 
 
 def match_by_overlap(overlaps: Array, scores: Array, threshold: float) -> np.ndarray:
@@ -24,18 +24,64 @@ def match_by_overlap(overlaps: Array, scores: Array, threshold: float) -> np.nda
     Raises:
         ValueError: on shapes that do not fit, or values that are not finite.
     """
+    return pair_by_overlap(overlaps, scores, threshold) >= 0
+
+
+def pair_by_overlap(overlaps: Array, scores: Array, threshold: float) -> np.ndarray:
+    """Which object each estimate of one image finds; as `match_by_overlap`, but says which.
+
+    Returns:
+        (D,) integers, -1 for an estimate that found none.
+
+    Raises:
+        ValueError: on shapes that do not fit, or values that are not finite.
+    """
     overlaps = _numbers("overlaps", overlaps, 2)
-    scores = _numbers("scores", scores, 1)
-    if len(scores) != len(overlaps):
-        fail("scores", f"shape ({len(overlaps)},) as overlaps has rows", f"shape {scores.shape}")
     threshold = require_number("threshold", threshold)
-    free = np.ones(overlaps.shape[1], dtype=bool)
-    found = np.zeros(len(scores), dtype=bool)
+    return _pair("overlaps", overlaps, scores, threshold)
+
+
+def match_by_error(errors: Array, scores: Array, threshold: float) -> np.ndarray:
+    """Which estimates of one image are right, as the BOP challenges pair them with the truth.
+
+    The surest estimate chooses first, the pose with the smallest error among those that are free,
+    if that error is below the threshold; so every threshold has pairs of its own. Hodan et al., BOP
+    Challenge 2020 on 6D Object Localization, ECCVW 2020. BOP takes only as many estimates of an
+    object as an image has targets of it: the surest.
+
+    Args:
+        errors: (D, G) error of D estimates against G true poses of the same object; infinite where
+            it could not be larger.
+        scores: (D,) confidence; equal scores choose in their order.
+        threshold: in the unit of the errors.
+
+    Returns:
+        (D,) booleans.
+
+    Raises:
+        ValueError: on shapes that do not fit, an error below 0, or what is not a number.
+    """
+    errors = to_numbers("errors", errors)
+    if errors.ndim != 2:
+        fail("errors", "2 dimensions", f"shape {errors.shape}")
+    if not (errors >= 0).all():
+        fail("errors", "numbers of at least 0", errors[~(errors >= 0)][0])
+    threshold = require_number("threshold", threshold)
+    return _pair("errors", -errors, scores, -threshold) >= 0
+
+
+def _pair(name: str, fitness: np.ndarray, scores: Array, threshold: float) -> np.ndarray:
+    """For each estimate the free object that fits it best, if better than the threshold."""
+    scores = _numbers("scores", scores, 1)
+    if len(scores) != len(fitness):
+        fail("scores", f"shape ({len(fitness)},) as {name} has rows", f"shape {scores.shape}")
+    free = np.ones(fitness.shape[1], dtype=bool)
+    found = np.full(len(scores), -1)
     for estimate in np.argsort(-scores, kind="stable"):
-        candidates = np.where(free, overlaps[estimate], -np.inf)
+        candidates = np.where(free, fitness[estimate], -np.inf)
         if candidates.size and candidates.max() > threshold:
-            free[candidates.argmax()] = False
-            found[estimate] = True
+            found[estimate] = candidates.argmax()
+            free[found[estimate]] = False
     return found
 
 

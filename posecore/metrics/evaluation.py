@@ -5,16 +5,16 @@ A pose without an estimate counts as wrong: its errors are infinite.
 
 from __future__ import annotations
 
-from collections import defaultdict
+import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from posecore import poses, rotations
 from posecore.arrays import fail
 from posecore.metrics import boxes, detection, model_errors, pose_errors, summaries
+from posecore.metrics.matching import groups, in_images, match, rows_by_key
 from posecore.metrics.pose_table import PoseTable
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
 
 HEAD_ANGLES = ("yaw", "pitch", "roll")  # intrinsic YXZ, the book's convention for single angles
 IOU_THRESHOLDS = (0.25, 0.5, 0.75)
+BOP_ERRORS = ("mssd", "mspd")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +64,18 @@ class ObjectErrors:
             `translation`, `rotation`, `yaw`, `pitch`, `roll` (signed), `add`, `add_s`, `add_or_s`
             (ADD-S if the object has symmetries, else ADD), `mssd`, `mspd`, `projection`. A name is
             absent if it could not be computed: on the model without a model, in pixels without
-            intrinsics, in angles where a matrix of the object is not a rotation.
+            intrinsics, in angles where a matrix of the object is not a rotation. Errors in pixels
+            are infinite also where a true pose is not in front of the camera.
         true_angles: `yaw`, `pitch`, `roll` -> (n,) radians; empty if there are no angles.
         overlap: (n,) 3D IoU of the boxes, 0 where there is no estimate; None without a model, for
             a flat box, or where a matrix is not a rotation.
         precision: IoU threshold -> average precision of the box; empty if `overlap` is None.
         diameter: of the model in metres, None without a model.
+        in_front: (n,) whether the camera can see all of the model in its true pose: errors in
+            pixels mean something there only. None if there are no such errors, or for all.
+        pairs: `mssd`, `mspd` -> for each image with the object (D, G) errors of its surest
+            estimates, surest first, against its true poses (those in front, in pixels), for BOP's
+            own pairs. A name is absent if every true pose is alone in its image.
     """
 
     found: np.ndarray
@@ -77,30 +84,8 @@ class ObjectErrors:
     overlap: np.ndarray | None
     precision: dict[float, float]
     diameter: float | None
-
-
-def in_images(table: PoseTable, images: Collection[tuple[int, int]]) -> np.ndarray:
-    """Which rows belong to one of the images, given as (scene id, image id): (N,) booleans."""
-    wanted = set(images)
-    return np.array([image in wanted for image in table.images], dtype=bool)
-
-
-def match(estimates: PoseTable, ground_truth: PoseTable) -> np.ndarray:
-    """For every ground-truth pose the row of its estimate, -1 where there is none: (G,) integers.
-
-    An image with n instances of an object takes the n surest estimates of it; if n > 1 they are
-    assigned so that the sum of the distances between the models' origins is smallest.
-    """
-    estimated, true = _rows_by_key(estimates), _rows_by_key(ground_truth)
-    matched = np.full(len(ground_truth), -1)
-    for key, rows in true.items():
-        candidates = np.array(estimated.get(key, []), dtype=int)
-        surest = np.argsort(-estimates.score[candidates], kind="stable")[: len(rows)]
-        candidates = candidates[surest]
-        gaps = ground_truth.t[rows][:, None] - estimates.t[candidates][None]
-        row, column = linear_sum_assignment(np.linalg.norm(gaps, axis=-1))
-        matched[np.array(rows)[row]] = candidates[column]
-    return matched
+    in_front: np.ndarray | None = None
+    pairs: dict[str, list[np.ndarray]] = field(default_factory=dict)
 
 
 def evaluate(
@@ -110,6 +95,7 @@ def evaluate(
     K: np.ndarray | None = None,
     objects: Sequence[int] | None = None,
     images: Collection[tuple[int, int]] | None = None,
+    others: PoseTable | None = None,
 ) -> dict[int, ObjectErrors]:
     """Measure all estimates with every metric.
 
@@ -122,6 +108,8 @@ def evaluate(
         objects: the ids to evaluate, default all of the ground truth.
         images: (scene id, image id) of the images to evaluate, default those of the ground truth;
             give them if some hold no object at all.
+        others: what is there as well, but is no target. Nobody has to find it; the average
+            precision leaves out the estimates that do.
 
     Returns:
         object id -> errors, in the order of the ids.
@@ -153,6 +141,7 @@ def evaluate(
                 ground_truth[rows],
                 models.get(object_id),
                 None if K is None else K[rows],
+                None if others is None else others[others.object_id == object_id],
             )
         except ValueError as error:
             raise ValueError(f"object {object_id}: {error}") from error
@@ -160,7 +149,11 @@ def evaluate(
 
 
 def _measure(
-    estimates: PoseTable, truth: PoseTable, model: ObjectModel | None, K: np.ndarray | None
+    estimates: PoseTable,
+    truth: PoseTable,
+    model: ObjectModel | None,
+    K: np.ndarray | None,
+    others: PoseTable | None,
 ) -> ObjectErrors:
     """All errors of one object."""
     matched = match(estimates, truth)
@@ -170,7 +163,7 @@ def _measure(
     # Published ground truth is not always a rotation, and then has no angles.
     proper = all(rotations.is_rotation(table.R).all() for table in (estimates, truth))
     errors = {"translation": pose_errors.translation_error(est.t, near.t)}
-    true_angles, overlap, precision = {}, None, {}
+    true_angles, overlap, precision, pairs, in_front = {}, None, {}, {}, None
     if proper:
         errors["rotation"] = pose_errors.rotation_error(est.R, near.R)
         estimated, true = rotations.matrix_to_euler(est.R), rotations.matrix_to_euler(near.R)
@@ -183,14 +176,19 @@ def _measure(
         errors["add"] = model_errors.add(*pair, model.points)
         errors["add_s"] = model_errors.add_s(*pair, model.points)
         errors["add_or_s"] = errors["add" if model.symmetries is None else "add_s"]
-        errors["mssd"] = model_errors.mssd(*pair, model.points, model.symmetries)
         if K is not None:
-            errors["projection"] = model_errors.projection_2d(K[found], *pair, model.points)
-            errors["mspd"] = model_errors.mspd(K[found], *pair, model.points, model.symmetries)
+            in_front = _in_front(truth, model)
+            seen = in_front[found]
+            errors["projection"] = np.full(len(gt), np.inf)
+            errors["projection"][seen] = model_errors.projection_2d(
+                K[found][seen], *(x[seen] for x in pair), model.points
+            )
+        for name in BOP_ERRORS if K is not None else ("mssd",):
+            errors[name], pairs[name] = _bop_errors(name, estimates, truth, matched, model, K)
         if proper and (model.size > 0).all():
             iou = boxes.oriented_iou_3d(*_box(est, model), *_box(near, model))
             overlap = _fill(found, iou, 0.0)
-            precision = _box_precision(estimates, truth, model)
+            precision = _box_precision(estimates, truth, model, others)
     return ObjectErrors(
         found,
         {name: _fill(found, error, np.inf) for name, error in errors.items()},
@@ -198,7 +196,54 @@ def _measure(
         overlap,
         precision,
         None if model is None else model.diameter,
+        in_front,
+        {name: images for name, images in pairs.items() if images is not None},
     )
+
+
+def _in_front(truth: PoseTable, model: ObjectModel) -> np.ndarray:
+    """Which true poses (n,) have the whole model in front of the camera."""
+    depths = [model.points @ R[2] + t[2] for R, t in zip(truth.R, truth.t, strict=True)]
+    return np.array([depth.min() > 0 for depth in depths], dtype=bool)
+
+
+def _bop_errors(
+    name: str,
+    estimates: PoseTable,
+    truth: PoseTable,
+    matched: np.ndarray,
+    model: ObjectModel,
+    K: np.ndarray | None,
+) -> tuple[np.ndarray, list[np.ndarray] | None]:
+    """MSSD or MSPD of each matched pose, and of all pairs in each image that has several."""
+    images = list(groups(estimates, truth))
+    several = any(len(rows) > 1 for _, rows in images)
+    in_front = _in_front(truth, model) if name == "mspd" else np.ones(len(truth), bool)
+    grids = [np.meshgrid(one, rows[in_front[rows]], indexing="ij") for one, rows in images]
+    found = np.flatnonzero(matched >= 0)
+    # Each pair is measured once: those of the images hold whatever is matched.
+    one = np.concatenate([matched[found], *(grid[0].ravel() for grid in grids)])
+    other = np.concatenate([found, *(grid[1].ravel() for grid in grids)])
+    keys, where = np.unique(one * len(truth) + other, return_inverse=True)
+    one, other = keys // len(truth), keys % len(truth)
+    seen = in_front[other]
+    one, other = one[seen], other[seen]
+    values = np.full(len(keys), np.inf)
+    arguments = (estimates.R[one], estimates.t[one], truth.R[other], truth.t[other])
+    if name == "mspd":
+        values[seen] = model_errors.mspd(K[other], *arguments, model.points, model.symmetries)
+    else:
+        values[seen] = model_errors.mssd(*arguments, model.points, model.symmetries)
+    values = values[where]
+    if not several:
+        return values[: len(found)], None
+    shapes = [grid[0].shape for grid in grids]
+    ends = len(found) + np.cumsum([0, *map(math.prod, shapes)])
+    pairs = [
+        values[begin:end].reshape(shape)
+        for begin, end, shape in zip(ends, ends[1:], shapes, strict=False)
+    ]
+    return values[: len(found)], pairs
 
 
 def _at_closest_symmetry(est: PoseTable, gt: PoseTable, model: ObjectModel | None) -> PoseTable:
@@ -210,25 +255,38 @@ def _at_closest_symmetry(est: PoseTable, gt: PoseTable, model: ObjectModel | Non
 
 
 def _box_precision(
-    estimates: PoseTable, truth: PoseTable, model: ObjectModel
+    estimates: PoseTable, truth: PoseTable, model: ObjectModel, others: PoseTable | None
 ) -> dict[float, float]:
     """Average precision of the object's box, over all estimates in all images."""
-    estimated, true = _rows_by_key(estimates), _rows_by_key(truth)
-    correct = {threshold: np.zeros(len(estimates), bool) for threshold in IOU_THRESHOLDS}
-    for key, rows in estimated.items():
-        there = np.array(true.get(key, []), dtype=int)
-        # Every estimate of the image beside every true pose in it.
-        one, other = (grid.ravel() for grid in np.meshgrid(rows, there, indexing="ij"))
-        est = estimates[one.astype(int)]
-        near = _at_closest_symmetry(est, truth[other.astype(int)], model)
-        overlaps = boxes.oriented_iou_3d(*_box(est, model), *_box(near, model))
-        overlaps, scores = overlaps.reshape(len(rows), len(there)), estimates.score[rows]
-        for threshold in IOU_THRESHOLDS:
-            correct[threshold][rows] = detection.match_by_overlap(overlaps, scores, threshold)
-    return {
-        threshold: detection.average_precision(estimates.score, hits, len(truth))
-        for threshold, hits in correct.items()
-    }
+    there = truth if others is None else _joined(truth, others)
+    estimated, true = rows_by_key(estimates), rows_by_key(there)
+    images = [(np.array(rows), np.array(true.get(key, []), int)) for key, rows in estimated.items()]
+    # Every estimate of an image beside every true pose in it.
+    grids = [np.meshgrid(*pair, indexing="ij") for pair in images]
+    one, other = (
+        np.concatenate([np.zeros(0, int), *(grid[i].ravel() for grid in grids)]) for i in (0, 1)
+    )
+    est = estimates[one]
+    near = _at_closest_symmetry(est, there[other], model)
+    iou = boxes.oriented_iou_3d(*_box(est, model), *_box(near, model))
+    ends = np.cumsum([0, *(grid[0].size for grid in grids)])
+    precision = {}
+    for threshold in IOU_THRESHOLDS:
+        paired = np.full(len(estimates), -1)
+        for (rows, targets), begin, end in zip(images, ends, ends[1:], strict=False):
+            overlaps, scores = iou[begin:end].reshape(len(rows), -1), estimates.score[rows]
+            column = detection.pair_by_overlap(overlaps, scores, threshold)
+            paired[rows[column >= 0]] = targets[column[column >= 0]]
+        counted = paired < len(truth)  # what finds something that is no target is left out
+        precision[threshold] = detection.average_precision(
+            estimates.score[counted], paired[counted] >= 0, len(truth)
+        )
+    return precision
+
+
+def _joined(one: PoseTable, other: PoseTable) -> PoseTable:
+    columns = (column.name for column in fields(PoseTable))
+    return PoseTable(*(np.concatenate([getattr(one, n), getattr(other, n)]) for n in columns))
 
 
 def _box(table: PoseTable, model: ObjectModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -241,11 +299,3 @@ def _fill(found: np.ndarray, values: np.ndarray, missing: float) -> np.ndarray:
     filled = np.full(len(found), missing)
     filled[found] = values
     return filled
-
-
-def _rows_by_key(table: PoseTable) -> dict[tuple[int, int, int], list[int]]:
-    """(scene, image, object) -> its rows."""
-    rows = defaultdict(list)
-    for row, (image, object_id) in enumerate(zip(table.images, table.object_id, strict=True)):
-        rows[*image, int(object_id)].append(row)
-    return rows

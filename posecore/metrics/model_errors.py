@@ -122,6 +122,7 @@ def _tree(cloud: Tensor) -> cKDTree:
 def _nearest_distance(queries: Tensor, cloud: Tensor, tree: cKDTree) -> Tensor:
     """From each of `queries` (B, M, 3) to the nearest point of `cloud` (N, 3): (B, M)."""
     _, index = tree.query(queries.detach().cpu().numpy(), workers=-1)
+    index = np.minimum(index, len(cloud) - 1)  # SciPy names no point whose distance overflows
     # Measured again, so that gradients flow and the precision is that of the input.
     return (queries - cloud[torch.from_numpy(index).to(cloud.device)]).norm(dim=-1)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posecore.metrics import summaries
+from posecore.metrics.detection import match_by_error
 from posecore.metrics.evaluation import HEAD_ANGLES, IOU_THRESHOLDS, ObjectErrors
 
 __all__ = ["Line", "report", "summarise", "to_text"]
@@ -34,6 +35,7 @@ MEDIANS = {  # name -> label, factor to the printed unit
     "projection": ("2D projection, px", 1),
     "mspd": ("MSPD, px", 1),
 }
+PIXELS = ("projection", "mspd")
 DIGITS = {COUNT: 0, CORRECT_COUNT: 0, MEDIAN: 3, ANGLES: 2}  # else 1
 
 
@@ -113,18 +115,19 @@ def summarise(
             errors = _join(some, lambda part, name=name: part.errors[name])
             lines[AREA, label] = 100 * summaries.auc(errors, 0.1)
     if some := _having(parts, "mssd"):
-        relative = _join(some, lambda part: part.errors["mssd"] / part.diameter)
-        lines[RECALL, "MSSD"] = 100 * summaries.average_recall(relative, MSSD_THRESHOLDS)
+        units = [part.diameter for part in some]
+        lines[RECALL, "MSSD"] = 100 * _bop_recall(some, "mssd", units, MSSD_THRESHOLDS)
     if some := _having(parts, "mspd"):
-        thresholds = MSPD_THRESHOLDS * image_width / 640
-        errors = _join(some, lambda part: part.errors["mspd"])
-        lines[RECALL, "MSPD"] = 100 * summaries.average_recall(errors, thresholds)
+        units = [image_width / 640] * len(some)
+        lines[RECALL, "MSPD"] = 100 * _bop_recall(some, "mspd", units, MSPD_THRESHOLDS)
     for threshold in IOU_THRESHOLDS:
         if some := [part.precision[threshold] for part in parts if threshold in part.precision]:
             lines[PRECISION, f"3D IoU > {threshold}"] = 100 * float(np.mean(some))
     for name, (label, factor) in MEDIANS.items():
         if some := _having(parts, name):
-            errors = _join(some, lambda part, name=name: part.errors[name][part.found])
+            errors = _join(
+                some, lambda part, name=name: part.errors[name][part.found & _measured(part, name)]
+            )
             if errors.size:
                 lines[MEDIAN, label] = factor * float(np.median(errors))
     if some := [part for part in parts if part.overlap is not None]:
@@ -137,7 +140,39 @@ def summarise(
 
 
 def _having(parts: Sequence[ObjectErrors], name: str) -> list[ObjectErrors]:
-    return [part for part in parts if name in part.errors]
+    return [part for part in parts if name in part.errors and _measured(part, name).any()]
+
+
+def _measured(part: ObjectErrors, name: str) -> np.ndarray:
+    """The true poses (n,) for which an error has a meaning, whatever the estimate."""
+    if name in PIXELS and part.in_front is not None:
+        return part.in_front
+    return np.ones(len(part.found), dtype=bool)
+
+
+def _bop_recall(
+    parts: Sequence[ObjectErrors], name: str, units: Sequence[float], thresholds: np.ndarray
+) -> float:
+    """Average recall in [0, 1], with pairs of its own at each threshold.
+
+    Args:
+        parts, name: whose errors, and which.
+        units: by which the errors of each part are divided before they are compared.
+        thresholds: (T,).
+    """
+    recalled, there = 0, 0
+    for part, unit in zip(parts, units, strict=True):
+        rows = _measured(part, name)
+        there += int(rows.sum())
+        if name not in part.pairs:  # every true pose is alone in its image
+            right = part.errors[name][rows, None] / unit < thresholds
+            recalled += int(right.sum())
+            continue
+        for errors in part.pairs[name]:
+            scores = -np.arange(len(errors))  # the surest come first
+            for threshold in thresholds:
+                recalled += int(match_by_error(errors / unit, scores, threshold).sum())
+    return recalled / (there * len(thresholds))
 
 
 def _join(
@@ -170,11 +205,17 @@ def _correct(parts: Sequence[ObjectErrors]) -> dict[str, tuple[np.ndarray, np.nd
             [part for part in parts if part.overlap is not None],
             lambda part, threshold=threshold: part.overlap > threshold,
         )
-    return {
-        label: (_join(some, right), _join(some, lambda part: part.found))
-        for label, (some, right) in rules.items()
-        if some
-    }
+    result = {}
+    for label, (some, right) in rules.items():
+        if some:
+            name = "projection" if label.startswith("2D projection") else ""
+            rows = [_measured(part, name) for part in some]
+            pairs = list(zip(some, rows, strict=True))
+            result[label] = (
+                np.concatenate([right(part)[mask] for part, mask in pairs]),
+                np.concatenate([part.found[mask] for part, mask in pairs]),
+            )
+    return result
 
 
 def _angle_lines(parts: Sequence[ObjectErrors]) -> dict[tuple[str, str], float]:

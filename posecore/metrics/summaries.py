@@ -76,10 +76,11 @@ def auc(errors: Array, max_threshold: float = 0.1) -> float:
 
 
 def average_recall(errors: Array, thresholds: Array) -> float:
-    """The accuracy averaged over thresholds, as the BOP challenges define it.
+    """The accuracy averaged over thresholds, as the BOP challenges define it for given pairs.
 
-    Hodan et al., BOP Challenge 2020: MSSD at 0.05 to 0.5 of the diameter in steps of 0.05; MSPD at
-    5 to 50 px in steps of 5, times the image's width / 640.
+    Where an image holds several instances of an object, BOP pairs estimates and true poses anew at
+    each threshold: `match_by_error`. Hodan et al., BOP Challenge 2020: MSSD at 0.05 to 0.5 of
+    the diameter in steps of 0.05; MSPD at 5 to 50 px in steps of 5, times the image's width / 640.
 
     Args:
         errors: (N,) errors, infinite where the estimate is missing.

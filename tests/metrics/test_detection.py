@@ -87,3 +87,29 @@ def test_the_surest_choose_first():
 def test_bad_input_is_named(call, name):
     with pytest.raises(ValueError, match=name):
         call()
+
+
+def test_pairs_by_error_are_greedy_at_each_threshold():
+    """The surest takes the nearest; the second best pairing by sums would be another."""
+    errors = np.array([[1.0, 2.0], [1.5, 9.0]])
+    assert metrics.match_by_error(errors, [0.9, 0.5], 3.0).tolist() == [True, False]
+    assert metrics.match_by_error(errors, [0.5, 0.9], 3.0).tolist() == [True, True]
+    assert metrics.match_by_error(errors, [0.9, 0.5], 1.0).tolist() == [False, False]  # not below
+    assert metrics.match_by_error([[np.inf]], [1.0], 5.0).tolist() == [False]
+    assert metrics.match_by_error(np.zeros((0, 2)), [], 5.0).tolist() == []
+    assert metrics.match_by_error(np.zeros((2, 0)), [1.0, 1.0], 5.0).tolist() == [False, False]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        (([[np.nan]], [1.0], 1.0), "errors"),
+        (([[-1.0]], [1.0], 1.0), "errors"),
+        (([1.0], [1.0], 1.0), "errors"),
+        (([[1.0]], [1.0, 2.0], 1.0), "scores"),
+        (([[1.0]], [1.0], np.inf), "threshold"),
+    ],
+)
+def test_bad_errors_are_named(arguments, name):
+    with pytest.raises(ValueError, match=f"^{name}: "):
+        metrics.match_by_error(*arguments)

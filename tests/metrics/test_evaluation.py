@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from posecore import metrics
-from posecore.metrics import PoseTable, evaluation
+from posecore.metrics import PoseTable, evaluation, report
 
 K = np.array([[570.0, 0, 320], [0, 575, 240], [0, 0, 1]])
 HALF_TURN = np.diag([-1.0, -1, 1, 1])
@@ -251,3 +251,61 @@ def test_intrinsics_of_every_pose():
 def test_bad_input_is_named(call, name):
     with pytest.raises(ValueError, match=name):
         call()
+
+
+def test_estimates_of_what_is_no_target_are_neither_right_nor_false():
+    """Two instances, one of them a target; the surest estimate finds the other one."""
+    truth = table([(1, 1, 7, 1, 0.0, 0.0)])
+    others = table([(1, 1, 7, 1, 0.5, 0.0), (1, 1, 8, 1, 0.9, 0.0)])
+    estimates = table([(1, 1, 7, 0.9, 0.5, 0.0), (1, 1, 7, 0.5, 0.001, 0.0)])
+
+    def precision(estimates, others):
+        errors = evaluation.evaluate(estimates, truth, {7: model()}, others=others)
+        return errors[7].precision[0.5]
+
+    assert precision(estimates, others) == 1
+    assert precision(estimates, None) == 0.5  # nobody knows that it is there
+    # A second estimate of it is false, and so is one of another object's place.
+    again = table([(1, 1, 7, 0.9, 0.5, 0.0), (1, 1, 7, 0.8, 0.501, 0.0), (1, 1, 7, 0.5, 0.0, 0.0)])
+    assert precision(again, others) == 0.5
+    wrong = table([(1, 1, 7, 0.9, 0.9, 0.0), (1, 1, 7, 0.5, 0.0, 0.0)])
+    assert precision(wrong, others) == 0.5
+
+
+def test_a_true_pose_behind_the_camera_has_no_errors_in_pixels_only():
+    behind = replace(TRUTH, t=TRUTH.t * [[1, 1, 1], [1, 1, -1], [1, 1, 1]])
+    whole = evaluation.evaluate(TRUTH, TRUTH, {7: model(), 8: model()}, K)
+    errors = evaluation.evaluate(TRUTH, behind, {7: model(), 8: model()}, K)
+    assert errors[7].in_front.tolist() == [True, False]
+    assert errors[7].found.all()
+    for name in ("projection", "mspd"):
+        assert errors[7].errors[name][0] == whole[7].errors[name][0]
+        assert errors[7].errors[name][1] == np.inf
+    assert errors[7].errors["add"] == pytest.approx([0, 2])
+    lines = report.summarise([errors[7]])
+    assert lines[report.CORRECT, "2D projection < 5 px"] == 100
+    assert lines[report.CORRECT, "ADD < 0.1 d"] == 50
+    assert lines[report.RECALL, "MSPD"] == 100
+    assert lines[report.RECALL, "MSSD"] == 50
+    assert lines[report.MEDIAN, "MSPD, px"] == pytest.approx(0, abs=1e-6)
+
+
+def test_all_true_poses_behind_the_camera():
+    behind = replace(TRUTH, t=-TRUTH.t)
+    errors = evaluation.evaluate(TRUTH, behind, {7: model()}, K, objects=[7])
+    lines = report.summarise([errors[7]])
+    assert (report.RECALL, "MSPD") not in lines
+    assert (report.MEDIAN, "2D projection, px") not in lines
+    assert lines[report.RECALL, "MSSD"] == 0
+
+
+@pytest.mark.parametrize("far", [1e155, 1e300])
+def test_distances_whose_squares_overflow(far):
+    """One instance or several: an estimate out there is wrong, and no matrix is infeasible."""
+    truth = table([(1, 1, 7, 1, 0.0, 0.0), (1, 1, 7, 1, 0.2, 0.0), (1, 2, 7, 1, 0.0, 0.0)])
+    estimates = table([(1, 1, 7, 1, far, 0.0), (1, 1, 7, 0.9, -far, 0.0), (1, 2, 7, 1, far, 0.0)])
+    errors = evaluation.evaluate(estimates, truth, {7: model()}, K)[7]
+    assert errors.found.all()
+    assert (errors.errors["add"] > 1e150).all()
+    assert (errors.overlap == 0).all()
+    assert report.summarise([errors])[report.RECALL, "MSSD"] == 0

@@ -1,0 +1,58 @@
+"""Which estimate belongs to which true pose."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Iterator
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from posecore.metrics.pose_table import PoseTable
+
+__all__ = ["groups", "in_images", "match", "rows_by_key"]
+
+FARTHEST = 1e200  # metres: squares of what is farther apart are infinite, and have no sum
+
+
+def in_images(table: PoseTable, images: Collection[tuple[int, int]]) -> np.ndarray:
+    """Which rows belong to one of the images, given as (scene id, image id): (N,) booleans."""
+    wanted = set(images)
+    return np.array([image in wanted for image in table.images], dtype=bool)
+
+
+def match(estimates: PoseTable, ground_truth: PoseTable) -> np.ndarray:
+    """For every ground-truth pose the row of its estimate, -1 where there is none: (G,) integers.
+
+    An image with n instances of an object takes the n surest estimates of it; if n > 1 they are
+    assigned so that the sum of the distances between the models' origins is smallest.
+    """
+    matched = np.full(len(ground_truth), -1)
+    for candidates, rows in groups(estimates, ground_truth):
+        if len(rows) == 1:
+            matched[rows[: len(candidates)]] = candidates
+            continue
+        with np.errstate(over="ignore"):
+            gaps = np.linalg.norm(ground_truth.t[rows][:, None] - estimates.t[candidates], axis=-1)
+        row, column = linear_sum_assignment(np.minimum(gaps, FARTHEST))
+        matched[rows[row]] = candidates[column]
+    return matched
+
+
+def groups(
+    estimates: PoseTable, ground_truth: PoseTable
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """For each object in each image the rows of its surest estimates, and of its true poses."""
+    estimated = rows_by_key(estimates)
+    for key, rows in rows_by_key(ground_truth).items():
+        candidates = np.array(estimated.get(key, []), dtype=int)
+        surest = np.argsort(-estimates.score[candidates], kind="stable")[: len(rows)]
+        yield candidates[surest], np.array(rows)
+
+
+def rows_by_key(table: PoseTable) -> dict[tuple[int, int, int], list[int]]:
+    """(scene, image, object) -> its rows."""
+    rows = defaultdict(list)
+    for row, (image, object_id) in enumerate(zip(table.images, table.object_id, strict=True)):
+        rows[*image, int(object_id)].append(row)
+    return rows
