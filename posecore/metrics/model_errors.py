@@ -20,7 +20,7 @@ from torch import Tensor
 
 from posecore import cameras, poses
 from posecore.arrays import Array, array_function, fail, require_choice
-from posecore.metrics.pose_errors import require_symmetries
+from posecore.metrics import motions
 from posecore.rotations import rotation_defect
 
 __all__ = ["add", "add_s", "mspd", "mssd", "projection_2d"]
@@ -151,17 +151,15 @@ def mssd(
     """
     # The distance is a convex function of the point, so its maximum lies on the convex hull.
     corners = points[_hull_vertices(points)]
-    errors = []
-    for S_R, S_t in _split(symmetries, points):
-        R, t = poses.compose(R_gt, t_gt, S_R, S_t)
-        worst = _over_rows(
-            lambda R, t: _largest(poses.apply(R, t, corners).norm(dim=-1)),
-            (R_est - R, 2),
-            (t_est - t, 1),
-            per_row=len(corners),
-        )
-        errors.append(worst)
-    return torch.stack(errors).amin(0)
+    R_gt, t_gt = motions.at_best_motion(
+        motions.best_for_points, symmetries, corners, (R_est, t_est, R_gt, t_gt)
+    )
+    return _over_rows(
+        lambda R, t: _largest(poses.apply(R, t, corners).norm(dim=-1)),
+        (R_est - R_gt, 2),
+        (t_est - t_gt, 1),
+        per_row=len(corners),
+    )
 
 
 @array_function(K="... 3 3", **POSES, points="N 3", symmetries="S 4 4")
@@ -190,7 +188,10 @@ def mspd(
     Raises:
         ValueError: if the ground truth puts a point behind the camera.
     """
-    return _pixel_distance(K, R_est, t_est, R_gt, t_gt, points, symmetries, _largest)
+    R_gt, t_gt = motions.at_best_motion(
+        motions.best_for_pixels, symmetries, points, (K, R_est, t_est, R_gt, t_gt)
+    )
+    return _pixel_distance(K, R_est, t_est, R_gt, t_gt, points, _largest)
 
 
 @array_function(K="... 3 3", **POSES, points="... N 3")
@@ -213,7 +214,7 @@ def projection_2d(
     Raises:
         ValueError: if the ground truth puts a point behind the camera.
     """
-    return _pixel_distance(K, R_est, t_est, R_gt, t_gt, points, None, _mean)
+    return _pixel_distance(K, R_est, t_est, R_gt, t_gt, points, _mean)
 
 
 def _largest(values: Tensor) -> Tensor:
@@ -231,11 +232,8 @@ def _pixel_distance(
     R_gt: Tensor,
     t_gt: Tensor,
     points: Tensor,
-    symmetries: Tensor | None,
     reduce: Callable[[Tensor], Tensor],
 ) -> Tensor:
-    motions = _split(symmetries, points)
-
     def distance(
         K: Tensor, R_est: Tensor, t_est: Tensor, R_gt: Tensor, t_gt: Tensor, points: Tensor
     ) -> Tensor:
@@ -244,16 +242,13 @@ def _pixel_distance(
         # Any point in front of the camera in their place, so that their gradient is 0, not NaN.
         seen = torch.where(hidden[..., None], seen.new_tensor([0.0, 0.0, 1.0]), seen)
         pixels = cameras.project(K, seen)
-        errors = []
-        for S_R, S_t in motions:
-            there = poses.apply(R_gt, t_gt, poses.apply(S_R, S_t, points))
-            behind = there[..., 2] <= 0
-            if bool(behind.any()):
-                expected = "a ground truth in front of the camera"
-                fail("t_gt", expected, f"{int(behind.sum())} points behind it")
-            gaps = (pixels - cameras.project(K, there)).norm(dim=-1)
-            errors.append(reduce(gaps.masked_fill(hidden, torch.inf)))
-        return torch.stack(errors).amin(0)
+        there = poses.apply(R_gt, t_gt, points)
+        behind = there[..., 2] <= 0
+        if bool(behind.any()):
+            expected = "a ground truth in front of the camera"
+            fail("t_gt", expected, f"{int(behind.sum())} points behind it")
+        gaps = (pixels - cameras.project(K, there)).norm(dim=-1)
+        return reduce(gaps.masked_fill(hidden, torch.inf))
 
     return _over_rows(
         distance,
@@ -265,13 +260,6 @@ def _pixel_distance(
         (points, 2),
         per_row=points.shape[-2],
     )
-
-
-def _split(symmetries: Tensor | None, like: Tensor) -> list[tuple[Tensor, Tensor]]:
-    if symmetries is None:
-        symmetries = torch.eye(4, dtype=like.dtype, device=like.device)[None]
-    require_symmetries(symmetries)
-    return [(S[:3, :3], S[:3, 3]) for S in symmetries]
 
 
 def _hull_vertices(points: Tensor) -> np.ndarray | slice:

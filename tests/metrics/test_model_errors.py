@@ -234,3 +234,54 @@ CLOUD = np.ones((4, 3))
 def test_bad_input_is_named(call, name):
     with pytest.raises(ValueError, match=name):
         call()
+
+
+def turns(count):
+    return np.stack([turn((0, 0, 1), k * 2 * np.pi / count) for k in range(count)])
+
+
+@given(seeds, st.sampled_from(["near", "far", "behind"]))
+def test_the_best_of_many_motions_is_that_of_all(seed, where):
+    """Not all motions see all points; what is left out could not be the best."""
+    R_1, t_1, R_2, t_2, points = random_case(seed, (3,), points=900)
+    points *= (1, 1, 0.2)
+    symmetries = turns(60)
+    if where == "near":
+        R_1 = R_2 @ symmetries[7, :3, :3] @ turn((1, 2, 3), 0.1)[:3, :3]
+        t_1 = t_2 + 0.01
+    elif where == "behind":
+        t_1[1, 2] = -1
+    each = [(R_2 @ S[:3, :3], t_2 + R_2 @ S[:3, 3]) for S in symmetries]
+    for function in (metrics.mssd, lambda *a: metrics.mspd(K, *a)):
+        expected = np.min([function(R_1, t_1, R, t, points) for R, t in each], axis=0)
+        got = function(R_1, t_1, R_2, t_2, points, symmetries)
+        np.testing.assert_allclose(got, expected, rtol=1e-12)
+
+
+def test_gradients_at_the_best_motion():
+    case = [torch.tensor(x) for x in random_case(4, (2,))]
+    symmetries = torch.tensor(turns(12))
+    for x in case[:4]:
+        x.requires_grad_()
+    assert torch.autograd.gradcheck(lambda *a: metrics.mssd(*a, symmetries), case)
+    assert torch.autograd.gradcheck(lambda *a: metrics.mspd(K, *a, symmetries), case, rtol=1e-2)
+
+
+def test_symmetries_broadcast_and_float32_stays():
+    R_1, t_1, R_2, t_2, points = random_case(2, (3, 4))
+    whole = metrics.mspd(K, R_1, t_1, R_2[0, 0], t_2[0, 0], points, FOURFOLD)
+    one = metrics.mspd(K, R_1[2, 1], t_1[2, 1], R_2[0, 0], t_2[0, 0], points, FOURFOLD)
+    assert whole.shape == (3, 4) and whole[2, 1] == pytest.approx(one, rel=1e-12)
+    small = [torch.tensor(x, dtype=torch.float32) for x in (R_1, t_1, R_2, t_2, points, FOURFOLD)]
+    assert metrics.mssd(*small).dtype == torch.float32
+    assert metrics.mssd(R_1[:0], t_1[:0], R_2[:0], t_2[:0], points, FOURFOLD).shape == (0, 4)
+
+
+def test_a_truth_behind_the_camera_is_refused_with_symmetries_too():
+    with pytest.raises(ValueError, match=r"^t_gt: .* got 4 points behind it"):
+        metrics.mspd(K, np.eye(3), [0, 0, 1], np.eye(3), [0, 0, -3], np.ones((4, 3)), FOURFOLD)
+
+
+def test_add_s_of_distances_that_overflow():
+    eye, points = np.eye(3), np.random.default_rng(0).normal(size=(5, 3))
+    assert metrics.add_s(eye, [1e300, 0, 0], eye, [0, 0, 0], points) > 1e200
