@@ -116,7 +116,7 @@ def _mean_nearest_distance(
 
 
 def _tree(cloud: Tensor) -> cKDTree:
-    return cKDTree(cloud.detach().cpu().numpy(), leafsize=32)
+    return cKDTree(cloud.detach().cpu().numpy(), leafsize=16)
 
 
 def _nearest_distance(queries: Tensor, cloud: Tensor, tree: cKDTree) -> Tensor:

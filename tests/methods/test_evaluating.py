@@ -3,7 +3,10 @@
 import contextlib
 import io
 import json
+import os
 import re
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 
@@ -319,3 +322,205 @@ def test_three_formulas_three_errors(real_data):
     assert f"{angle:.2f}" == "3.53"
     with pytest.raises(ValueError, match="R_2"):
         rotations.geodesic_distance(R_est, R_gt)
+
+
+def test_results_are_written_before_anything_is_printed(files, monkeypatch, capsys):
+    class Closed(io.StringIO):
+        def write(self, text):
+            raise BrokenPipeError(32, "Broken pipe")
+
+    out = files / "out.json"
+    monkeypatch.setattr("sys.stdout", Closed())
+    assert evaluate(files, "--json", str(out), "--curve", str(files / "c.png")) == 141
+    assert json.loads(out.read_text())["poses"]
+    assert (files / "c.png").stat().st_size > 1000
+    assert "error:" not in capsys.readouterr().err
+
+
+def test_a_full_disk_is_one_line(files, monkeypatch, capsys):
+    class Full(io.StringIO):
+        def write(self, text):
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("sys.stdout", Full())
+    assert evaluate(files) == 2
+    err = capsys.readouterr().err
+    assert err.splitlines()[-1] == "error: [Errno 28] No space left on device: 'standard output'"
+
+
+def test_a_closed_error_stream_stops_nothing(files, monkeypatch, capsys):
+    class Closed(io.StringIO):
+        def write(self, text):
+            raise BrokenPipeError(32, "Broken pipe")
+
+    monkeypatch.setattr("sys.stderr", Closed())
+    assert evaluate(files, "--json", str(files / "out.json")) == 0  # it has notes
+    assert (files / "out.json").is_file()
+
+
+@pytest.mark.parametrize("where", ["/dev/stdout", "/dev/null"])
+def test_json_to_where_no_file_is(files, where):
+    words = [str(files / "est.csv"), str(files / "gt.csv"), "--models", str(files / "models")]
+    done = subprocess.run(
+        [sys.executable, "-m", "posecore", "evaluate", *words, "--json", where],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert Path("/dev/null").is_char_device()
+    if where == "/dev/null":
+        assert "ADD < 0.1 d" in done.stdout
+    else:
+        assert json.loads(done.stdout)["poses"]  # nothing else is in it
+        assert "ADD < 0.1 d" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        (["--json", "est.csv"], "--json"),
+        (["--json", "gt.csv"], "--json"),
+        (["--json", "camera.json"], "--json"),
+        (["--json", "models/models_info.json"], "--json"),
+        (["--json", "c.png", "--curve", "c.png"], "--json"),
+    ],
+)
+def test_no_input_is_written_over(files, capsys, options, name):
+    options = [str(files / word) if "." in word else word for word in options]
+    before = {path: path.read_bytes() for path in files.rglob("*") if path.is_file()}
+    assert evaluate(files, *options) == 2
+    assert capsys.readouterr().err.startswith(f"error: {name}: expected")
+    assert before == {path: path.read_bytes() for path in files.rglob("*") if path.is_file()}
+
+
+def test_both_files_in_metres_are_noticed(files, capsys):
+    for name in ("est.csv", "gt.csv"):
+        text = (files / name).read_text().replace(" 1000,", " 1,").replace(",3 0", ",0.003 0")
+        (files / name).write_text(text)
+    assert evaluate(files) == 0
+    err = capsys.readouterr().err
+    assert "note: the estimates: half of the objects are 0.001 m from the camera" in err
+    assert "note: the ground truth: half of the objects are" in err
+
+
+def test_plausible_units_are_not_told_of(files, capsys):
+    assert evaluate(files) == 0
+    assert "unit" not in capsys.readouterr().err
+
+
+def test_one_truth_behind_the_camera_ends_nothing(files, capsys):
+    path = files / "gt.csv"
+    path.write_text(path.read_text().replace("0 0 1000", "0 0 -1000", 1))
+    assert evaluate(files) == 0
+    out, err = capsys.readouterr()
+    assert "note: 1 of 4 true poses are not all in front of the camera" in err
+    assert cells(out, "correct, % of all", "2D projection < 5 px")[0] == "66.7"  # of three
+    assert cells(out, "correct, % of all", "ADD < 0.1 d")[0] == "50.0"  # of four
+
+
+@pytest.mark.parametrize("text", ["1e-99999999999999999999", "-0e99999999999999999999", "1e300"])
+def test_numbers_at_the_ends_of_what_can_be_written(files, capsys, text):
+    path = files / "est.csv"
+    path.write_text(path.read_text().replace("3 0 1000", f"3 {text} 1000"))
+    assert evaluate(files) == 0, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("width", 0, "camera.json: width: expected at least 1 pixel, got 0"),
+        ("fx", 0, "camera.json: fx: expected a focal length in pixels, got 0"),
+        ("fy", 1e-300, "camera.json: fy: expected a focal length"),
+        ("cx", 2**2000, "camera.json: cx: expected a finite number"),
+    ],
+)
+def test_cameras_that_cannot_be(files, capsys, name, value, message):
+    path = files / "camera.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
+    assert evaluate(files) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("value", [2**70, 10**18, 10**4500], ids=["2**70", "10**18", "10**4500"])
+def test_ids_that_fit_nowhere(dataset, capsys, value):
+    path = dataset / "test" / "000001" / "scene_gt.json"
+    content = json.loads(path.read_text())
+    content["0"][0]["obj_id"] = value
+    sys.set_int_max_str_digits(0)
+    try:
+        path.write_text(json.dumps(content))
+    finally:
+        sys.set_int_max_str_digits(4300)
+    assert main(["evaluate", str(dataset / "est.csv"), f"bop:{dataset}"]) == 2
+    err = capsys.readouterr().err
+    assert "scene_gt.json" in err and len(err.splitlines()) == 1
+
+
+def test_placeholders_are_left_out(dataset, capsys):
+    scene = dataset / "test" / "000001"
+    path = scene / "scene_gt.json"
+    content = json.loads(path.read_text())
+    content["0"][0] |= {"cam_R_m2c": [-1] * 9, "cam_t_m2c": [-1] * 3}
+    path.write_text(json.dumps(content))
+    info = {"visib_fract": 1.0, "bbox_visib": [0, 0, 1, 1]}
+    infos = {image: [info] * len(poses) for image, poses in content.items()}
+    infos["0"] = [{"visib_fract": -1, "bbox_visib": [-1] * 4}, info]
+    (scene / "scene_gt_info.json").write_text(json.dumps(infos))
+    assert main(["evaluate", str(dataset / "est.csv"), f"bop:{dataset}"]) == 0
+    out, err = capsys.readouterr()
+    assert cells(out, "poses", "ground truth")[:2] == ["3", "4"]
+    assert "scene_gt.json: 1 of 8 poses are placeholders" in err
+
+
+def test_an_own_object_is_ground_truth(tmp_path, capsys):
+    """PVNet's layout of one object, in metres."""
+    own = tmp_path / "mug"
+    for name in ("rgb", "pose"):
+        (own / name).mkdir(parents=True)
+    lines = TETRAHEDRON.replace("100", "0.1")
+    (own / "model.ply").write_text(lines)
+    (own / "camera.txt").write_text("500 0 20\n0 500 15\n0 0 1\n")
+    for i in range(3):
+        cv2.imwrite(str(own / "rgb" / f"{i}.png"), np.full((30, 40, 3), 90, np.uint8))
+        np.save(own / "pose" / f"pose{i}.npy", np.column_stack([np.eye(3), [0, 0, 1.0]]))
+    rows = [f"1,{i},1,1,{EYE},3 0 1000,-1" for i in range(2)]
+    (tmp_path / "est.csv").write_text(HEADER + "\n".join(rows))
+    words = ["evaluate", str(tmp_path / "est.csv"), f"linemod:{own}"]
+    assert main(words) == 0, capsys.readouterr().err
+    out, err = capsys.readouterr()
+    assert cells(out, "poses", "estimated") == ["2"]
+    assert cells(out, "correct, % of all", "ADD < 0.1 d") == ["66.7"]
+    assert cells(out, "median", "2D projection, px")[0].startswith("1.4")
+    assert "millimetres" not in err
+    assert main([*words, "--targets", "t.json"]) == 2
+    assert "--targets" in capsys.readouterr().err
+    for i in range(3):
+        np.save(own / "pose" / f"pose{i}.npy", np.column_stack([np.eye(3), [0, 0, 700.0]]))
+    assert main(words) == 0
+    assert "the ground truth: half of the objects are 700 m" in capsys.readouterr().err
+
+
+def test_estimates_of_what_is_no_target_cost_no_precision(dataset, capsys):
+    """Each image holds two of object 1; one of them is a target, and both are found."""
+    scene = dataset / "test" / "000001"
+    content = json.loads((scene / "scene_gt.json").read_text())
+    pose = {"obj_id": 1, "cam_R_m2c": [1, 0, 0, 0, 1, 0, 0, 0, 1]}
+    for poses in content.values():
+        poses.append(pose | {"cam_t_m2c": [300, 0, 1000]})
+    (scene / "scene_gt.json").write_text(json.dumps(content))
+    infos = {
+        image: [{"visib_fract": visible, "bbox_visib": [0, 0, 1, 1]} for visible in (0.9, 0.9, 0.5)]
+        for image in content
+    }
+    (scene / "scene_gt_info.json").write_text(json.dumps(infos))
+    targets = [
+        {"scene_id": 1, "im_id": i, "obj_id": o, "inst_count": 1} for i in range(4) for o in (1, 2)
+    ]
+    (dataset / "targets.json").write_text(json.dumps(targets))
+    rows = [f"1,{i},1,{s},{EYE},{x} 0 1000,-1" for i in range(4) for x, s in ((0, 0.5), (300, 0.9))]
+    (dataset / "est.csv").write_text(HEADER + "\n".join(rows))
+    words = [str(dataset / "est.csv"), f"bop:{dataset}", "--targets", "targets.json"]
+    assert main(["evaluate", *words]) == 0
+    out, _ = capsys.readouterr()
+    assert cells(out, "average precision of the box, %", "3D IoU > 0.5")[0] == "100.0"
+    assert cells(out, "poses", "ground truth")[0] == "4"
