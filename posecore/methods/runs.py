@@ -19,8 +19,9 @@ from torch import nn
 
 from data_tools.bop.files import read_json
 from posecore import weights
-from posecore.arrays import fail
+from posecore.arrays import fail, require_choice
 from posecore.files import write_bytes
+from posecore.scale import SCALES
 
 __all__ = ["Run", "read_run", "resumed"]
 
@@ -123,9 +124,15 @@ def read_run(
     try:
         if content["method"] != kind.method:
             fail("method", kind.method, content["method"])
+        options = content["options"]
+        if not isinstance(options, dict):
+            fail("options", "options by their names", type(options).__name__)
+        if (scale := options.get("scale")) is not None:
+            require_choice("scale", scale, SCALES)
         return make(Path(path), content)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        words = " ".join(str(error).split())
+    except (ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError,
+            ValueError) as error:  # fmt: skip
+        words = " ".join(str(error).split())[:300]
         raise ValueError(f"{file}: damaged: {type(error).__name__}: {words}") from error
 
 

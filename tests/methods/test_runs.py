@@ -30,6 +30,8 @@ class ThingRun(Run):
 def read(path):
     def make(path, content):
         things = [Thing(one["number"], np.array(one["points"])) for one in content["things"]]
+        np.array([one.number for one in things], np.int64)  # as networks are made: may overflow,
+        torch.empty([one.number for one in things])  # or be refused
         return ThingRun(path, content["options"], content["width"], things)
 
     return read_run(path, ThingRun, make)
@@ -69,6 +71,22 @@ def test_what_cannot_be_written_is_refused(run):
         (
             lambda text: text.replace('"things", ', '"others", '),
             "run.json: damaged: ValueError: method: expected things, got others",
+        ),
+        (
+            lambda text: text.replace('"steps"', '"scale"'),
+            "run.json: damaged: ValueError: scale: expected one of 'tiny', .*, got 4",
+        ),
+        (
+            lambda text: text.replace('{"data": "here", "steps": 4}', "[]"),
+            "run.json: damaged: ValueError: options: expected options by their names, got list",
+        ),
+        (
+            lambda text: text.replace('"number": 3', f'"number": {2**70}'),
+            "run.json: damaged: OverflowError: ",
+        ),
+        (
+            lambda text: text.replace('"number": 3', '"number": -1'),
+            "run.json: damaged: RuntimeError: ",
         ),
     ],
 )
