@@ -1,7 +1,6 @@
 """Files that come in whole or not at all: images, JSON, and the writing of new ones.
 
-Everything a reader refuses is a `ValueError` that begins with the file's name. What has a checksum
-(PNG) is checked to the last byte; a JPEG or TIFF is checked for its end, as they hold no checksum.
+Everything a reader refuses is a `ValueError` that begins with the file's name.
 """
 
 from __future__ import annotations
@@ -9,12 +8,13 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-import zlib
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+
+from data_tools.bop.pictures import decode_picture, describe, is_jpeg, not_black
 
 __all__ = [
     "find_image",
@@ -31,7 +31,6 @@ __all__ = [
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 LARGEST_ID = 10**18 - 1  # what fits into 64 bits, and is said easily
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def read_bytes(path: Path) -> bytes:
@@ -58,21 +57,30 @@ def find_image(folder: Path, stem: str) -> Path:
     Raises:
         FileNotFoundError: if there is none.
     """
-    for suffix in IMAGE_SUFFIXES:
+    for suffix in (*IMAGE_SUFFIXES, *map(str.upper, IMAGE_SUFFIXES)):
         if (path := folder / (stem + suffix)).is_file():
             return path
     raise FileNotFoundError(f"{folder / stem}: no such image ({', '.join(IMAGE_SUFFIXES)})")
 
 
 def read_rgb(path: Path) -> np.ndarray:
-    """A colour image (H, W, 3), uint8, red first."""
-    image = _decode(path, "three channels of 8 bits", (np.uint8,), channels=3)
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    """A colour image (H, W, 3), uint8, red first; grey in all three, and without alpha."""
+    image = decode_picture(path, read_bytes(path))
+    if image.dtype != np.uint8:
+        raise ValueError(f"{path}: expected three channels of 8 bits, got {describe(image)}")
+    if image.ndim == 2:
+        return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB if image.shape[2] == 3 else cv2.COLOR_BGRA2RGB)
 
 
 def read_grey(path: Path) -> np.ndarray:
-    """A grey image (H, W), uint8 or uint16."""
-    return _decode(path, "one channel of 8 or 16 bits", (np.uint8, np.uint16))
+    """A grey image (H, W), uint8 or uint16; one of three channels if they are equal."""
+    image = decode_picture(path, read_bytes(path))
+    grey = image if image.ndim == 2 else image[..., 0]
+    equal = image.ndim == 2 or (image[..., :3] == grey[..., None]).all()
+    if image.dtype not in (np.uint8, np.uint16) or not equal:
+        raise ValueError(f"{path}: expected one channel of 8 or 16 bits, got {describe(image)}")
+    return np.ascontiguousarray(grey)
 
 
 def read_depth(path: Path, scale: float) -> np.ndarray:
@@ -82,54 +90,19 @@ def read_depth(path: Path, scale: float) -> np.ndarray:
         path: an image of one channel of 16 bits.
         scale: millimetres per unit of the image.
     """
-    image = _decode(path, "one channel of 16 bits", (np.uint16,))
+    image = decode_picture(path, read_bytes(path))
+    if image.dtype != np.uint16 or image.ndim != 2:
+        raise ValueError(f"{path}: expected one channel of 16 bits, got {describe(image)}")
     return (image * scale / 1000).astype(np.float32)
 
 
 def read_mask(path: Path) -> np.ndarray:
-    """A mask (H, W), bool: true where the image is not 0."""
-    return _decode(path, "one channel of 8 bits", (np.uint8,)) > 0
-
-
-def _decode(
-    path: Path, expected: str, dtypes: tuple[type, ...], channels: int | None = None
-) -> np.ndarray:
+    """A mask (H, W), bool: true where the image, grey or coloured, is not black."""
     data = read_bytes(path)
-    # OpenCV fills in what is missing from a damaged image, so the file is looked at first.
-    if data.startswith(PNG_SIGNATURE):
-        _check_png(path, data)
-    elif data.startswith(b"\xff\xd8"):
-        if not data.rstrip(b"\0\r\n ").endswith(b"\xff\xd9"):
-            raise ValueError(f"{path}: JPEG without its end marker: the file was cut off")
-    elif not data.startswith((b"II*\0", b"MM\0*")):
-        raise ValueError(f"{path}: neither PNG nor JPEG nor TIFF, begins with {data[:8]!r}")
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise ValueError(f"{path}: cannot be decoded: {error}") from error
-    if image is None:
-        raise ValueError(f"{path}: cannot be decoded")
-    if image.dtype not in dtypes or image.shape[2:] != (() if channels is None else (channels,)):
-        got = f"{image.shape[2] if image.ndim == 3 else 1} of {image.dtype.itemsize * 8} bits"
-        raise ValueError(f"{path}: expected {expected}, got {got}")
-    return image
-
-
-def _check_png(path: Path, data: bytes) -> None:
-    """Walk over the chunks (length, type, data, CRC) from the signature to IEND: PNG, section 5."""
-    view = memoryview(data)
-    position = len(PNG_SIGNATURE)
-    while True:
-        length = int.from_bytes(view[position : position + 4], "big")
-        kind = bytes(view[position + 4 : position + 8])
-        end = position + 8 + length
-        if end + 4 > len(data):
-            raise ValueError(f"{path}: PNG cut off or damaged at byte {position} of {len(data)}")
-        if zlib.crc32(view[position + 4 : end]) != int.from_bytes(view[end : end + 4], "big"):
-            raise ValueError(f"{path}: PNG damaged: wrong checksum at byte {position}")
-        position = end + 4
-        if kind == b"IEND":
-            return
+    image = decode_picture(path, data)
+    if image.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"{path}: expected 8 or 16 bits, got {describe(image)}")
+    return not_black(image, is_jpeg(data))
 
 
 def read_json(path: Path) -> Any:

@@ -23,9 +23,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from data_tools.bop.files import read_depth, read_mask, read_rgb
+from data_tools.bop.files import read_depth, read_rgb
+from data_tools.bop.files import read_mask as _read_mask
 from data_tools.linemod.folders import (
     SPLITS,
     Numbered,
@@ -228,11 +227,3 @@ class LinemodDataset(Dataset):
                 kinds["mask"] = path / "mask"
             self._files[object_id] = {kind: Numbered(place) for kind, place in kinds.items()}
         return self._files[object_id]
-
-
-def _read_mask(path: Path) -> np.ndarray:
-    """A mask (H, W), bool: true where the first of one or three channels is not 0."""
-    try:
-        return read_rgb(path)[..., 0] > 0
-    except ValueError:  # one channel; or damaged, which is then said
-        return read_mask(path)

@@ -276,7 +276,7 @@ DAMAGE = [
         r"depth/000004\.png: expected one channel of 16 bits",
     ),
     (
-        lambda tree: tree.image(1, "rgb", 4, np.zeros((12, 16), np.uint8)),
+        lambda tree: tree.image(1, "rgb", 4, np.zeros((12, 16), np.uint16)),
         r"rgb/000004\.png: expected three channels",
     ),
     (

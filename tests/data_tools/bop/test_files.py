@@ -110,14 +110,13 @@ BAD_IMAGES = [
     (b"version https://git-lfs.github.com/spec/v1\n", read_rgb, "neither PNG"),
     (bytes(500), read_depth, "neither PNG"),
     (encode(DEPTH), read_rgb, "expected three channels of 8 bits, got 1 of 16 bits"),
-    (encode(DEPTH.astype(np.uint8)), read_rgb, "got 1 of 8 bits"),
-    (encode(np.dstack([RGB, RGB[..., :1]])), read_rgb, "got 4 of 8 bits"),
     (encode(RGB.astype(np.uint16)), read_rgb, "got 3 of 16 bits"),
     (encode(DEPTH.astype(np.uint8)), read_depth, "expected one channel of 16 bits, got 1 of 8"),
     (encode(RGB), read_depth, "expected one channel of 16 bits, got 3 of 8"),
     (encode(RGB), read_grey, "expected one channel"),
-    (encode(RGB), read_mask, "expected one channel of 8 bits, got 3"),
-    (encode(DEPTH), read_mask, "expected one channel of 8 bits, got 1 of 16"),
+    (encode(np.dstack([RGB] * 2)[..., 2:]), read_grey, "expected one channel .* got 4 of 8"),
+    (encode(DEPTH.astype(np.float32), ".tif"), read_mask, "expected 8 or 16 bits, got 1 of 32"),
+    (encode(DEPTH.astype(np.float32), ".tif"), read_rgb, "three channels of 8 bits, got 1 of 32"),
 ]
 
 
@@ -126,6 +125,24 @@ def test_wrong_images_are_refused(folder, data, read, message):
     path = write(folder, data)
     with pytest.raises(ValueError, match=rf"image\.png: .*{message}"):
         read(path, 1) if read is read_depth else read(path)
+
+
+def test_grey_and_rgba_are_colour_images(folder):
+    grey = DEPTH.astype(np.uint8)
+    for pixels in (grey, np.tile(grey[..., None], 3)):
+        for suffix in (".png", ".tif", ".bmp"):
+            path = write(folder, encode(pixels, suffix), f"grey{suffix}")
+            np.testing.assert_array_equal(read_rgb(path), np.tile(grey[..., None], 3))
+            np.testing.assert_array_equal(read_grey(path), grey)
+    rgba = np.dstack([RGB[..., ::-1], grey])  # as OpenCV wants it, and transparent in places
+    for suffix in (".png", ".tif"):
+        path = write(folder, encode(rgba, suffix), f"rgba{suffix}")
+        np.testing.assert_array_equal(read_rgb(path), RGB)
+
+
+def test_a_suffix_in_capitals(folder):
+    path = write(folder, b"", "000003.JPG")
+    assert find_image(folder, "000003").samefile(path)
 
 
 def test_find_image(folder):

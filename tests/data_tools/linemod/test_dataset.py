@@ -122,6 +122,29 @@ def test_own_objects_by_name_and_lists(own):
     assert LinemodDataset(own.path, cls="mug").images == [(1, 2)]
 
 
+@pytest.mark.parametrize(
+    "colour", [(0, 255, 0), (0, 0, 255), (255, 0, 0), (0, 0, 1), (128, 0, 128)]
+)
+def test_masks_of_any_colour(pvnet, colour):
+    """Whatever is not black is object, with an alpha channel and without."""
+    wanted = pvnet.mask[6, 12]
+    pixels = wanted[..., None] * np.uint8(colour)
+    opaque = np.full((*wanted.shape, 1), 255, np.uint8)
+    for image in (pixels, np.concatenate([opaque, pixels], -1)):
+        pvnet.image("cat/mask/0012.png", image)
+        view = LinemodDataset(pvnet.path / "cat", "train")[1]
+        np.testing.assert_array_equal(view.objects[0].mask, wanted)
+
+
+def test_masks_of_16_bits_and_grey_pictures(pvnet):
+    wanted = pvnet.mask[6, 12]
+    pvnet.image("cat/mask/0012.png", wanted * np.uint16(256))
+    pvnet.image("cat/JPEGImages/000012.jpg", np.full(wanted.shape, 90, np.uint8))
+    view = LinemodDataset(pvnet.path / "cat", "train")[1]
+    np.testing.assert_array_equal(view.objects[0].mask, wanted)
+    np.testing.assert_array_equal(view.rgb, np.full((*wanted.shape, 3), 90))
+
+
 def test_segmentations(densefusion):
     dataset = LinemodDataset(densefusion.path, "test", masks="segnet")
     for view, key in zip(dataset, dataset.images, strict=True):
@@ -240,11 +263,10 @@ PVNET_DAMAGE = [
         r"cat: image 12: objects\[0\]\.mask: expected height and width \(12, 16\)",
     ),
     (
-        lambda m: m.image("cat/mask/0012.png", np.zeros((12, 16), np.uint16)),
-        r"0012\.png: expected one channel of 8 bits, got 1 of 16 bits",
-    ),
-    (
-        lambda m: m.image("cat/JPEGImages/000012.jpg", np.zeros((12, 16), np.uint8)),
+        lambda m: m.write(
+            "cat/JPEGImages/000012.jpg",
+            cv2.imencode(".png", np.zeros((12, 16), np.uint16))[1].tobytes(),
+        ),
         r"000012\.jpg: expected three channels of 8 bits",
     ),
 ]
