@@ -23,8 +23,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from data_tools.bop.files import read_depth, read_rgb
-from data_tools.bop.files import read_mask as _read_mask
+import numpy as np
+
+from data_tools.bop.files import read_depth, read_mask, read_rgb
 from data_tools.linemod.folders import (
     SPLITS,
     Numbered,
@@ -227,3 +228,8 @@ class LinemodDataset(Dataset):
                 kinds["mask"] = path / "mask"
             self._files[object_id] = {kind: Numbered(place) for kind, place in kinds.items()}
         return self._files[object_id]
+
+
+def _read_mask(path: Path) -> np.ndarray:
+    """A mask (H, W), bool: true where the image is not black, whatever its colour."""
+    return read_mask(path)

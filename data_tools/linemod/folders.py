@@ -9,8 +9,8 @@ A file is found by the number in its name, however many zeros it begins with.
 
 from __future__ import annotations
 
+import codecs
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +22,7 @@ __all__ = [
     "SPLITS",
     "Numbered",
     "ObjectFolder",
+    "decode_text",
     "find_objects",
     "read_numbers_of",
     "require_file",
@@ -33,6 +34,8 @@ NAMES = {
     11: "glue", 12: "holepuncher", 13: "iron", 14: "lamp", 15: "phone",
 }  # fmt: skip
 SPLITS = ("train", "test")
+PICTURES = (*IMAGE_SUFFIXES, ".bmp")
+NUMBER = "(0{0,80}[0-9]{1,18})"  # what fits into 64 bits; other digits than these are none here
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class ObjectFolder:
     """The folder with the images of one object.
 
     Attributes:
-        object_id: the number in LINEMOD, 1 for an own object.
+        object_id: the number in LINEMOD, or of the folder; 1 for an own object.
         name: the name in LINEMOD, or of the folder.
         path: the folder.
         layout: "pvnet", "own" or "densefusion".
@@ -57,20 +60,20 @@ class Numbered:
 
     Args:
         folder: where they lie.
-        suffixes: of the files that count.
+        suffixes: of the files that count, in small letters or in capitals.
 
     Raises:
         ValueError: if there is no such folder, or two files have the same number.
     """
 
-    def __init__(self, folder: Path, suffixes: tuple[str, ...] = IMAGE_SUFFIXES) -> None:
+    def __init__(self, folder: Path, suffixes: tuple[str, ...] = PICTURES) -> None:
         self.folder = folder
         if not folder.is_dir():
             raise ValueError(f"{folder}: no such folder")
         self._files: dict[int, Path] = {}
         for file in sorted(folder.iterdir()):
-            match = re.fullmatch(r"(?:pose)?([0-9]+)(?:_label)?", file.stem)
-            if match is None or file.suffix not in suffixes:
+            match = re.fullmatch(rf"(?:pose)?{NUMBER}(?:_label)?", file.stem)
+            if match is None or file.suffix.lower() not in suffixes:
                 continue
             if (other := self._files.setdefault(int(match[1]), file)) != file:
                 raise ValueError(f"{folder}: two files of one image, {other.name} and {file.name}")
@@ -103,8 +106,14 @@ def find_objects(path: Path) -> dict[int, ObjectFolder]:
     if (found := _object_in(path)) is not None:
         return {found.object_id: found}
     parent = path / "data" if (path / "data").is_dir() else path
-    children = [_object_in(child) for child in sorted(parent.iterdir()) if child.is_dir()]
-    objects = {c.object_id: c for c in children if c is not None and c.layout != "own"}
+    objects: dict[int, ObjectFolder] = {}
+    for child in sorted(parent.iterdir()):
+        found = _object_in(child) if child.is_dir() else None
+        if found is None or found.layout == "own":
+            continue
+        if (other := objects.setdefault(found.object_id, found)) != found:
+            names = f"{other.path.name} and {child.name}"
+            raise ValueError(f"{parent}: two folders of object {found.object_id}, {names}")
     if not objects:
         fail(
             "path",
@@ -122,26 +131,36 @@ def _object_in(path: Path) -> ObjectFolder | None:
         return ObjectFolder(numbers[path.name], path.name, path, "pvnet")
     if not (path / "rgb").is_dir():
         return None
-    if not re.fullmatch("[0-9]+", path.name) or (path / "camera.txt").is_file():
+    match = re.fullmatch(NUMBER, path.name)
+    if match is None or (path / "camera.txt").is_file():
         return ObjectFolder(1, path.name, path, "own")
-    number = int(path.name)
-    return ObjectFolder(number, NAMES[number], path, "densefusion") if number in NAMES else None
+    number = int(match[1])
+    # Others continue the numbers with objects of their own; LINEMOD's bowl and cup have no poses.
+    if number in NAMES or number > max(NAMES) or (path / "gt.yml").is_file():
+        return ObjectFolder(number, NAMES.get(number, path.name), path, "densefusion")
+    return None
 
 
 def read_numbers_of(path: Path) -> list[int]:
     """The images that a list names, one on each line, in its order.
 
     A line is a number or a file's name, with folders or without: 0012, 0012.jpg,
-    LINEMOD/cat/JPEGImages/000012.jpg.
+    LINEMOD/cat/JPEGImages/000012.jpg. See `decode_text` for its encoding.
 
     Raises:
         ValueError: naming the file, and the line that is something else or is there twice.
     """
+    try:
+        text = decode_text(read_bytes(require_file(path)))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: no list of images: {error}") from error
     lines: dict[int, int] = {}
-    for row, line in enumerate(_lines(path), 1):
-        match = re.fullmatch(r"(?:.*[/\\])?([0-9]+)(?:\.[a-z]+)?", line)
+    for row, line in enumerate(map(str.strip, text.rstrip().splitlines()), 1):
+        match = re.fullmatch(rf"(?:.*[/\\])?{NUMBER}(?:\.[A-Za-z]+)?", line)
         if match is None:
-            raise ValueError(f"{path}: line {row}: expected an image, got {line[:80]!r}")
+            raise ValueError(
+                f"{path}: no list of images: line {row}: expected an image, got {line[:80]!r}"
+            )
         if (first := lines.setdefault(int(match[1]), row)) != row:
             raise ValueError(f"{path}: line {row}: image {match[1]} is on line {first} already")
     if not lines:
@@ -149,12 +168,20 @@ def read_numbers_of(path: Path) -> list[int]:
     return list(lines)
 
 
-def _lines(path: Path) -> Iterable[str]:
+def decode_text(data: bytes) -> str:
+    """A text as the three systems write it, with the mark that names its encoding or without.
+
+    UTF-8, or UTF-16 if it begins with that mark; what is neither is taken as Latin-1.
+
+    Raises:
+        UnicodeDecodeError: if it is called UTF-16 and is none.
+    """
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.decode("utf-16")
     try:
-        text = read_bytes(require_file(path)).decode("ascii")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: no list of images: {error}") from error
-    return (line.strip() for line in text.rstrip().splitlines())
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
 
 
 def require_file(path: Path) -> Path:

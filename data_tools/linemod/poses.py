@@ -17,13 +17,15 @@ import yaml
 
 from data_tools.bop.files import read_bytes, read_integer, read_number, read_numbers
 from data_tools.bop.rotations import check_rotations
-from data_tools.linemod.folders import Numbered, ObjectFolder, require_file
+from data_tools.linemod.folders import Numbered, ObjectFolder, decode_text, require_file
 
 __all__ = ["CAMERA", "Frame", "read_frames", "read_text", "read_yaml"]
 
 # LINEMOD's camera, in images of 640 x 480 pixels.
 CAMERA = np.array([[572.4114, 0, 325.2611], [0, 573.57043, 242.04899], [0, 0, 1]])
 DEEPEST = 100  # lists in lists of a YAML file; LINEMOD's has three levels
+MOST_VALUES = 5_000_000  # of a YAML file, aliases written out; LINEMOD's largest has 250 000
+FARTHEST = 1e12  # metres or pixels: what is beyond has no squares and sums in float32
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +58,16 @@ def read_frames(folder: ObjectFolder, images: list[int], rotations: str) -> dict
         ValueError: naming the file that is not there or damaged.
     """
     read = _read_yaml_frames if folder.layout == "densefusion" else _read_npy_frames
-    return read(folder, images, rotations)
+    frames = read(folder, images, rotations)
+    for image, frame in frames.items():
+        for name, values in (("K", frame.K), ("t", frame.t)):
+            if np.abs(values).max() > FARTHEST:
+                got = values.tolist()
+                raise ValueError(
+                    f"{folder.path}: image {image}: {name}: expected numbers of at most "
+                    f"{FARTHEST:.0e} in size, got {got}"
+                )
+    return frames
 
 
 def _read_npy_frames(folder: ObjectFolder, images: list[int], rotations: str) -> dict[int, Frame]:
@@ -127,13 +138,19 @@ def read_text(path: Path, shape: tuple[int, ...]) -> np.ndarray:
     """
     data = read_bytes(require_file(path))
     try:
-        rows = [[float(word) for word in line.split()] for line in data.splitlines()]
+        rows = [[_float(word) for word in line.split()] for line in decode_text(data).splitlines()]
         values = np.array([row for row in rows if row]).reshape(shape)
     except ValueError as error:
         raise ValueError(f"{path}: expected numbers of shape {shape}: {error}") from error
     if not values.size or not np.isfinite(values).all():
         raise ValueError(f"{path}: expected finite numbers, got {values.tolist()}")
     return values
+
+
+def _float(word: str) -> float:
+    if not word.isascii() or "_" in word:  # Python takes other digits and 1_000 for numbers
+        raise ValueError(f"could not convert {word!r}")
+    return float(word)
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
@@ -145,7 +162,18 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
             raise yaml.MarkedYAMLError(problem="a key is there twice", problem_mark=node.start_mark)
         return mapping
 
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int | float:
+        """An integer that fits into 64 bits; larger ones as a float, which no reader takes."""
+        number = super().construct_yaml_int(node)
+        try:
+            return number if abs(number) < 2**63 else float(number)
+        except OverflowError:
+            raise yaml.MarkedYAMLError(
+                problem="a number of hundreds of digits", problem_mark=node.start_mark
+            ) from None
 
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"),
@@ -161,10 +189,16 @@ def read_yaml(path: Path, kind: type) -> dict[int, Any]:
     """
     data = read_bytes(require_file(path))
     try:
-        _check_depth(data)
-        content = yaml.load(data, _Loader)
+        text = decode_text(data)
+        _check_depth(text.encode())
+        loader = _Loader(text)
+        node = loader.get_single_node()
+        if "*" in text and node is not None:
+            _check_aliases(node, {}, frozenset())
+        content = None if node is None else loader.construct_document(node)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: damaged YAML: {error}") from error
+        words = " ".join(str(error).split())
+        raise ValueError(f"{path}: damaged YAML: {words}") from error
     if not isinstance(content, dict):
         raise ValueError(f"{path}: expected ids and what they stand for, got {content!r:.80}")
     for key, value in content.items():
@@ -181,3 +215,30 @@ def _check_depth(data: bytes) -> None:
     opened, closed = (np.isin(marks, list(pair)).cumsum() for pair in (b"[{", b"]}"))
     if np.max(opened - closed) > DEEPEST or re.search(rb"(?:[-?] +){%d}" % DEEPEST, data):
         raise ValueError(f"nested more than {DEEPEST} deep")
+
+
+def _check_aliases(
+    node: yaml.Node, known: dict[int, tuple[int, int]], above: frozenset[int]
+) -> tuple[int, int]:
+    """How many values a node stands for and how deep they lie, once its aliases are written out.
+
+    Raises:
+        ValueError: if there are too many or they lie too deep, or it stands within itself.
+    """
+    if isinstance(node, yaml.ScalarNode):
+        return 1, 0
+    if id(node) in above:
+        raise ValueError("an alias stands within what it names")
+    if id(node) not in known:
+        children = node.value
+        if isinstance(node, yaml.MappingNode):
+            children = [child for pair in node.value for child in pair]
+        sizes = [_check_aliases(child, known, above | {id(node)}) for child in children]
+        size = 1 + sum(count for count, _ in sizes)
+        depth = 1 + max((depth for _, depth in sizes), default=0)
+        if size > MOST_VALUES:
+            raise ValueError(f"aliases that stand for more than {MOST_VALUES} values")
+        if depth > DEEPEST:
+            raise ValueError(f"nested more than {DEEPEST} deep")
+        known[id(node)] = size, depth
+    return known[id(node)]

@@ -145,6 +145,37 @@ def test_masks_of_16_bits_and_grey_pictures(pvnet):
     np.testing.assert_array_equal(view.rgb, np.full((*wanted.shape, 3), 90))
 
 
+def test_pictures_of_other_formats(own):
+    """In capitals, as BMP, with bytes behind a JPEG's end; lists and cameras with marks."""
+    (own.path / "rgb/0.jpg").rename(own.path / "rgb/0.JPG")
+    own.image("rgb/2.bmp", own.rgb[1, 2])
+    own.remove("rgb/2.jpg")
+    own.image("mask/2.bmp", own.mask[1, 2] * np.uint8(255))
+    own.remove("mask/2.png")
+    own.write("rgb/10.jpg", (own.path / "rgb/10.jpg").read_bytes() + b"made by a phone")
+    text = (own.path / "camera.txt").read_text()
+    own.write("camera.txt", text.encode("utf-8-sig"))
+    own.write("train.txt", "rgb/0.JPG\r\nK\u00e4se/2.bmp\r\n10.jpg".encode("utf-8-sig"))
+    dataset = LinemodDataset(own.path, "train")
+    assert dataset.images == [(1, 0), (1, 2), (1, 10)]
+    for view in dataset:
+        rgb, mask = own.rgb[1, view.image_id], own.mask[1, view.image_id]
+        assert np.abs(view.rgb.astype(int) - rgb).max() <= 4
+        np.testing.assert_array_equal(view.objects[0].mask, mask)
+        assert view.K[0, 0] == 600
+
+
+def test_objects_beyond_the_fifteenth(densefusion):
+    shutil.move(densefusion.path / "data/02", densefusion.path / "data/16")
+    shutil.move(densefusion.path / "models/obj_02.ply", densefusion.path / "models/obj_16.ply")
+    text = (densefusion.path / "data/16/gt.yml").read_text()
+    densefusion.write("data/16/gt.yml", text.replace("obj_id: 2", "obj_id: 16"))
+    dataset = everything(densefusion.path, "test")
+    assert dataset.object_ids == (1, 16)
+    assert [item.object_id for view in dataset for item in view.objects] == [1, 1, 16, 16]
+    assert LinemodDataset(densefusion.path, "test", cls="16").images == [(16, 3), (16, 7)]
+
+
 def test_segmentations(densefusion):
     dataset = LinemodDataset(densefusion.path, "test", masks="segnet")
     for view, key in zip(dataset, dataset.images, strict=True):

@@ -8,6 +8,7 @@ from data_tools.linemod.folders import (
     NAMES,
     Numbered,
     ObjectFolder,
+    decode_text,
     find_objects,
     read_numbers_of,
     require_file,
@@ -53,6 +54,59 @@ def test_layouts_are_told_apart(tmp_path):
 def test_folders_that_hold_nothing(tmp_path, folders):
     with pytest.raises(ValueError, match="path: expected the folder of an object"):
         find_objects(layout(tmp_path / "x", *folders))
+
+
+def test_folders_of_other_numbers(tmp_path):
+    """Whoever continues DenseFusion's numbers is read; so are the bowl and the cup with poses."""
+    more = layout(tmp_path / "more", *(f"data/{n}/rgb" for n in ("06", "16", "21", "100")))
+    assert [(f.object_id, f.name, f.layout) for f in find_objects(more).values()] == [
+        (6, "cat", "densefusion"),
+        (16, "16", "densefusion"),
+        (21, "21", "densefusion"),
+        (100, "100", "densefusion"),
+    ]
+    assert list(find_objects(more / "data/16")) == [16]
+    (layout(tmp_path / "cups", "data/07/rgb") / "data/07/gt.yml").touch()
+    assert list(find_objects(tmp_path / "cups")) == [7]
+
+
+def test_two_folders_of_one_object(tmp_path):
+    twice = layout(tmp_path / "twice", "data/06/rgb", "data/6/rgb")
+    with pytest.raises(ValueError, match="data: two folders of object 6, 06 and 6"):
+        find_objects(twice)
+
+
+@pytest.mark.parametrize("name", ["²", "٣", "9" * 19, "1" + "0" * 200])
+def test_names_with_digits_that_are_no_numbers(tmp_path, name):
+    """Of files they do not count, a folder is that of an own object; nothing breaks."""
+    (tmp_path / f"{name}.png").touch()
+    (tmp_path / "12.png").touch()
+    assert Numbered(tmp_path).numbers == [12]
+    own = layout(tmp_path / name, "rgb")
+    assert find_objects(own) == {1: ObjectFolder(1, name, own, "own")}
+    path = tmp_path / "train.txt"
+    path.write_text(f"12\n{name}.png\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"train\.txt: no list of images: line 2"):
+        read_numbers_of(path)
+
+
+def test_suffixes_in_capitals_and_bmp(tmp_path):
+    for name in ("0012.JPG", "13.bmp", "14.Png", "pose7.NPY"):
+        (tmp_path / name).touch()
+    assert Numbered(tmp_path).numbers == [12, 13, 14]
+    assert Numbered(tmp_path, (".npy",)).numbers == [7]
+
+
+ENDS = ["0012.JPG", "Käse/JPEGImages/000013.bmp", "14"]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_lists_in_every_encoding(tmp_path, encoding):
+    path = tmp_path / "train.txt"
+    path.write_bytes("\r\n".join(ENDS).encode(encoding))
+    assert read_numbers_of(path) == [12, 13, 14]
+    for name in ("Käse", "mug"):
+        assert decode_text(name.encode(encoding)) == name
 
 
 def test_numbered_files(tmp_path):

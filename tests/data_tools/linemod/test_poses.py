@@ -1,4 +1,5 @@
 import json
+import time
 
 import numpy as np
 import pytest
@@ -120,6 +121,103 @@ def test_bad_text_is_refused(tmp_path, text, message):
     with pytest.raises(ValueError, match=message) as refused:
         read_text(path, (-1, 3))
     assert str(refused.value).startswith(str(path))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
+def test_files_in_every_encoding(tmp_path, encoding):
+    path = tmp_path / "camera.txt"
+    path.write_bytes("600 0 7.5\r\n0 601.5 5.5\r\n0 0 1\r\n".encode(encoding))
+    assert read_text(path, (3, 3)).tolist() == [[600, 0, 7.5], [0, 601.5, 5.5], [0, 0, 1]]
+    path = tmp_path / "gt.yml"
+    path.write_bytes("# Käse\n0: [1.5]\n".encode(encoding))
+    assert read_yaml(path, list) == {0: [1.5]}
+
+
+@pytest.mark.parametrize("word", ["1_000", "٣", "²", "1e", "0x10"])
+def test_words_that_only_python_takes_for_numbers(tmp_path, word):
+    path = tmp_path / "diameter.txt"
+    path.write_text(word, encoding="utf-8")
+    with pytest.raises(ValueError, match=r"diameter\.txt: expected numbers of shape"):
+        read_text(path, (1,))
+
+
+def test_aliases_are_read(tmp_path):
+    """As PyYAML writes one list that stands in two places."""
+    K = [600.0, 0, 7.5, 0, 601, 5.5, 0, 0, 1]
+    content = {image: {"cam_K": K, "depth_scale": 1.0} for image in range(3)}
+    path = tmp_path / "info.yml"
+    path.write_text(yaml.safe_dump(content))
+    assert "*id001" in path.read_text()
+    assert read_yaml(path, dict) == content
+
+
+def levels(first: str, each: str, count: int) -> str:
+    lines = [f"0: &a0 {first}"]
+    lines += [f"{i}: &a{i} {each.replace('*', f'*a{i - 1}')}" for i in range(1, count)]
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (levels("[1]", "[*, *, *, *, *, *, *, *, *, *]", 12), "more than 5000000 values"),
+        (levels("{x: 1}", "{<<: [*, *, *, *, *, *, *, *]}", 12), "more than 5000000 values"),
+        (levels("[1]", "[*]", 150), "nested more than 100 deep"),
+        ("0: &a [*a]", "an alias stands within what it names"),
+        ("0: &a {x: {y: *a}}", "an alias stands within what it names"),
+        ("&a 0: [1]\n1: *b", "damaged YAML"),
+    ],
+)
+def test_aliases_that_never_end(tmp_path, text, message):
+    path = tmp_path / "gt.yml"
+    path.write_text(text)
+    began = time.perf_counter()
+    with pytest.raises(ValueError, match=message) as refused:
+        read_yaml(path, list)
+    assert time.perf_counter() - began < 5
+    assert str(refused.value).startswith(str(path)) and len(str(refused.value)) < 500
+
+
+@pytest.mark.parametrize("number", ["0x" + "f" * 5000, "0b" + "1" * 40_000, "9" * 400])
+def test_numbers_of_many_digits(tmp_path, number):
+    path = tmp_path / "gt.yml"
+    for text in (f"0: [{number}]", f"? {number}\n: []"):
+        path.write_text(text)
+        with pytest.raises(ValueError, match="hundreds of digits") as refused:
+            read_yaml(path, list)
+        assert str(refused.value).startswith(f"{path}: damaged YAML")
+        assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("value", [2**70, 10**18, -(2**63)])
+def test_ids_beyond_64_bits(densefusion, value):
+    densefusion.edit("data/01/gt.yml", "12:\n", f"{value}: []\n12:\n")
+    folder = find_objects(densefusion.path)[1]
+    if 0 < value < 2**63:
+        assert list(read_frames(folder, [12], "as_read")) == [12]
+        return
+    with pytest.raises(ValueError, match=r"gt\.yml: expected ids as keys"):
+        read_frames(folder, [12], "as_read")
+
+
+def test_numbers_beyond_reason(densefusion, pvnet, own):
+    """They are finite, but what is computed from them would not be."""
+
+    def refused(made, message):
+        for folder in find_objects(made.path).values():
+            with pytest.raises(ValueError, match=message) as error:
+                read_frames(folder, [0], "as_read")
+            assert str(folder.path) in str(error.value)
+            return
+
+    own.edit("camera.txt", "7.5", "1e200")
+    refused(own, "image 0: K: expected numbers of at most 1e\\+12")
+    pvnet.t[0, 2] = 1e300
+    pvnet.pose("cat/pose/pose0.npy", 0)
+    refused(pvnet, "image 0: t: expected numbers of at most")
+    densefusion.K[0][0] = 1e30
+    densefusion.write("data/01/info.yml", yaml.safe_dump({0: {"cam_K": densefusion.K[0]}}))
+    refused(densefusion, "image 0: K: expected numbers of at most")
 
 
 def test_files_that_are_not_there(tmp_path):
