@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +16,7 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from data_tools.bop.files import read_number, read_numbers
-from data_tools.bop.ply import read_ply
+from data_tools.bop.meshes import MESH_SUFFIXES, read_mesh
 from data_tools.bop.rotations import check_rotations
 from data_tools.bop.scenes import read_by_id
 from posecore.arrays import fail, require_number
@@ -104,6 +105,8 @@ class ModelInfo:
 class Models:
     """The objects in a folder of models: `obj_000001.ply`, ... and `models_info.json`.
 
+    Where there is no PLY file of an object, one that ends in .obj or .stl is read.
+
     Args:
         path: the folder, usually `models` or `models_eval` of a dataset.
 
@@ -115,11 +118,7 @@ class Models:
         self.path = Path(path)
         if not self.path.is_dir():
             fail("path", "a folder of models", repr(str(path)))
-        self._files = {
-            int(file.stem[4:]): file
-            for file in sorted(self.path.glob("obj_*.ply"))
-            if file.stem[4:].isdigit()
-        }
+        self._files = _find_meshes(self.path)
         info_file = self.path / "models_info.json"
         entries = read_by_id(info_file) if info_file.is_file() else {}
         self._infos = {i: _read_info(info_file, i, entry) for i, entry in entries.items()}
@@ -162,12 +161,27 @@ class Models:
         self._require_id(object_id)
         if object_id not in self._meshes:
             file = self._files.get(object_id, self.path / f"obj_{object_id:06d}.ply")
-            self._meshes[object_id] = read_ply(file)
+            self._meshes[object_id] = read_mesh(file)
         return self._meshes[object_id]
 
     def _require_id(self, object_id: int) -> None:
         if object_id not in self.ids:
             fail("object_id", f"one of {', '.join(map(str, self.ids))}", repr(object_id))
+
+
+def _find_meshes(folder: Path) -> dict[int, Path]:
+    """The file of each object."""
+    found: dict[int, Path] = {}
+    for suffix in MESH_SUFFIXES:
+        for file in sorted(folder.iterdir()):
+            match = re.fullmatch("obj_(0{0,80}[0-9]{1,18})", file.stem)
+            if match is None or file.suffix.lower() != suffix:
+                continue
+            other = found.setdefault(int(match[1]), file)
+            if other != file and other.suffix == file.suffix:
+                names = f"{other.name} and {file.name}"
+                raise ValueError(f"{folder}: two files of object {int(match[1])}, {names}")
+    return found
 
 
 def _read_info(path: Path, object_id: int, entry: Any) -> ModelInfo:

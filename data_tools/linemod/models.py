@@ -8,8 +8,8 @@ import numpy as np
 import trimesh
 
 from data_tools.bop.files import read_number
+from data_tools.bop.meshes import MESH_SUFFIXES, read_mesh
 from data_tools.bop.models import ModelInfo, _diameter
-from data_tools.bop.ply import read_ply
 from data_tools.linemod.folders import ObjectFolder
 from data_tools.linemod.poses import read_text, read_yaml
 from posecore.arrays import fail
@@ -49,9 +49,9 @@ class LinemodModels:
         """
         self._require_id(object_id)
         if object_id not in self._meshes:
-            mesh = read_ply(self._files[object_id])
+            mesh = read_mesh(self._files[object_id])
             if self._folders[object_id].layout != "densefusion":
-                mesh.apply_scale(1000)  # it was in metres before `read_ply`
+                mesh.apply_scale(1000)  # it was in metres before `read_mesh`
             self._meshes[object_id] = mesh
         return self._meshes[object_id]
 
@@ -120,6 +120,9 @@ class LinemodModels:
 
 
 def _mesh_file(folder: ObjectFolder) -> Path:
+    """The file with the model: PLY, or OBJ or STL where there is no PLY file."""
+    place = folder.path / ("model.ply" if folder.layout == "own" else f"{folder.name}.ply")
     if folder.layout == "densefusion":
-        return folder.path.parents[1] / "models" / f"obj_{folder.object_id:02d}.ply"
-    return folder.path / ("model.ply" if folder.layout == "own" else f"{folder.name}.ply")
+        place = folder.path.parents[1] / "models" / f"obj_{folder.object_id:02d}.ply"
+    files = [place.with_suffix(suffix) for suffix in MESH_SUFFIXES]
+    return next((file for file in files if file.is_file()), place)

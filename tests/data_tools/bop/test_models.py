@@ -239,6 +239,35 @@ def test_a_lost_mesh_is_named(tree):
         models.mesh(1)
 
 
+def test_models_of_other_formats(tree):
+    """OBJ and STL are read where there is no PLY file of an object, in millimetres as well."""
+    vertices = Models(tree.path / "models").mesh(1).vertices * 1000
+    mesh = trimesh.Trimesh(vertices, tree.faces, process=False)
+    tree.remove("models/obj_000001.ply")
+    tree.write("models/obj_000001.obj", mesh.export(file_type="obj").encode())
+    tree.write("models/obj_000002.obj", b"not looked at, as there is a PLY file")
+    tree.remove("models/obj_000003.ply")
+    tree.write("models/obj_000003.STL", mesh.export(file_type="stl"))
+    models = Models(tree.path / "models")
+    assert models.ids == (1, 2, 3)
+    np.testing.assert_allclose(models.mesh(1).vertices, vertices / 1000, atol=1e-10)
+    np.testing.assert_array_equal(models.mesh(2).vertices, tree.vertices[2] / 1000)
+    np.testing.assert_allclose(models.mesh(3).bounds, mesh.bounds / 1000, atol=1e-9)
+    np.testing.assert_allclose(models.info(3).size, [0.1, 0.06, 0.04], atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["obj_².ply", "obj_٣.ply", "obj_" + "9" * 30 + ".ply"])
+def test_files_whose_names_are_no_numbers(tree, name):
+    tree.write(f"models/{name}", b"not looked at")
+    assert Models(tree.path / "models").ids == (1, 2, 3)
+
+
+def test_two_files_of_one_object(tree):
+    tree.write("models/obj_2.ply", b"which one?")
+    with pytest.raises(ValueError, match=r"models: two files of object 2, obj_000002.ply and obj_"):
+        Models(tree.path / "models")
+
+
 def test_the_real_can(real_data):
     models = Models(real_data / "lmo" / "models")
     assert models.ids == (5,)

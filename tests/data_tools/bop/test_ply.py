@@ -4,7 +4,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data_tools.bop.ply import read_ply
+from data_tools.bop.ply import MeshWarning, read_ply
 
 BOX = trimesh.creation.box((100, 60, 40))
 HEAD = """ply
@@ -109,7 +109,8 @@ def test_quads_and_points_alone(folder):
 
 @pytest.mark.parametrize("content", [(HEAD + VERTICES + FACES).encode(), binary("<"), binary(">")])
 def test_a_mesh_is_refused_at_every_length(folder, content):
-    for length in range(len(content)):
+    # Without the end of its last line text is whole: see test_no_line_end_after_the_last_row.
+    for length in range(len(content) - (b"ascii" in content)):
         with pytest.raises(ValueError, match=r"mesh\.ply: "):
             read_ply(write(folder, content[:length]))
 
@@ -124,8 +125,85 @@ def test_an_exported_mesh_is_refused_at_any_length(folder, encoding):
             read_ply(write(folder, content[:length]))
 
 
+@pytest.mark.parametrize("end", ["", "\r", " "])
+def test_no_line_end_after_the_last_row(folder, end):
+    """Some programs write none; a last number that was cut would look the same, so it is said."""
+    content = (HEAD + VERTICES + FACES).rstrip("\n")
+    with pytest.warns(MeshWarning, match=r"mesh\.ply: no line end after the last row"):
+        mesh = read_ply(write(folder, content + end))
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])
+    with pytest.warns(MeshWarning):
+        points = read_ply(write(folder, HEAD.replace("face 2", "face 0") + VERTICES.rstrip()))
+    assert points.vertices.shape == (4, 3)
+    # Where the other lines end in a blank, the last one lacks more than its end.
+    blanks = (HEAD + VERTICES + FACES).replace("\n3 ", " \n3 ").rstrip()
+    with pytest.raises(ValueError, match="no line end after the last row, it may be cut"):
+        read_ply(write(folder, blanks))
+
+
+@pytest.mark.parametrize("order", ["ascii", "<", ">"])
+@pytest.mark.parametrize("more", [False, True])
+def test_triangles_beside_quads_and_pentagons(folder, order, more):
+    """In text as in binary files, also with other lists, colours and elements beside them."""
+    corners = [(0, 1, 2), (0, 1, 2, 3), (3, 2, 0), (4, 3, 2, 1, 0)]
+    head = HEAD.replace("vertex 4", "vertex 5").replace("face 2", "face 4")
+    points = [*(row.split() for row in VERTICES.splitlines()), ["1", "2", "3"]]
+    if more:
+        beside = "property uchar red\nproperty list uchar float uv\n"
+        beside += "element edge 1\nproperty int a\nproperty uchar b\n"
+        head = head.replace("end_header", beside + "end_header")
+    if order == "ascii":
+        rows = [" ".join(point) for point in points]
+        rows += [
+            " ".join(map(str, [len(face), *face, *([7, 2, 0.5, 0.5] if more else [])]))
+            for face in corners
+        ]
+        content = (head + "\n".join(rows + ["1 2"] * more) + "\n").encode()
+    else:
+        name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+        content = head.replace("ascii", name).encode() + np.array(points, f"{order}f4").tobytes()
+        for face in corners:
+            content += bytes([len(face)]) + np.array(face, f"{order}i4").tobytes()
+            content += (b"\7\2" + np.array([0.5, 0.5], f"{order}f4").tobytes()) * more
+        content += (np.array([1], f"{order}i4").tobytes() + b"\2") * more
+    mesh = read_ply(write(folder, content))
+    np.testing.assert_array_equal(mesh.vertices, np.array(points, np.float32).astype(float) / 1000)
+    expected = [(0, 1, 2), (3, 2, 0), (0, 1, 2), (2, 3, 0), (4, 3, 2), (4, 2, 1), (4, 1, 0)]
+    assert sorted(map(tuple, mesh.faces.tolist())) == sorted(expected)
+    if order != "ascii":
+        for length in range(len(content)):
+            with pytest.raises(ValueError, match=r"mesh\.ply: "):
+                read_ply(write(folder, content[:length]))
+        with pytest.raises(ValueError, match=r"mesh\.ply: damaged PLY"):
+            read_ply(write(folder, content + b"\0"))
+
+
+def test_faces_whose_lengths_add_up_to_those_of_quads(folder):
+    """trimesh by itself takes 4, 3 and 5 corners for three times 4, and reads nonsense."""
+    head = HEAD.replace("ascii", "binary_little_endian").replace("face 2", "face 3")
+    content = head.replace("vertex 4", "vertex 5").encode() + np.zeros((5, 3), "<f4").tobytes()
+    for face in ((0, 1, 2, 3), (0, 1, 2), (0, 1, 2, 3, 4)):
+        content += bytes([len(face)]) + np.array(face, "<i4").tobytes()
+    assert len(read_ply(write(folder, content)).faces) == 2 + 1 + 3
+
+
+@pytest.mark.parametrize("content", [(HEAD + VERTICES + FACES).encode(), binary("<")])
+def test_a_comment_in_any_encoding(folder, content):
+    for text in ("ünicode".encode("latin-1"), b"\xff\xfe\0", "Käse".encode("cp437")):
+        mesh = read_ply(write(folder, content.replace("ünicode".encode(), text)))
+        assert len(mesh.faces) == 2 and mesh.vertices[1, 0] == 0.1
+
+
+DOUBLE = HEAD.replace("float", "double")
 BAD = [
     ("", "empty file"),
+    (HEAD.replace("vertex 4", "vertex ²") + VERTICES + FACES, "damaged PLY header"),
+    (HEAD.replace("vertex 4", "vertex " + "9" * 5000) + VERTICES + FACES, "damaged PLY header"),
+    (HEAD + VERTICES + FACES.replace("3 0 2 3", "9" * 5000 + " 0 2 3"), "face 1 is b'999"),
+    (HEAD + VERTICES.replace("-1e1", "1e300") + FACES, "vertex 3 is not finite"),
+    (DOUBLE + VERTICES.replace("-1e1", "1e300") + FACES, "vertex 3 is beyond reason"),
+    (binary("<").replace(b"vertex 4", b"vertex 9999999999999"), "damaged PLY"),
+    (binary("<").replace(b"face 2", b"face 9999999999999"), "damaged PLY"),
     ("solid stl\n", "no PLY file"),
     (HEAD, "4|6"),
     (HEAD.replace("vertex 4", "vertex 5") + VERTICES + FACES, "7 rows announced, got 6"),
@@ -179,7 +257,7 @@ def test_the_real_can(real_data):
     np.testing.assert_allclose(mesh.vertex_normals[0], [-0.119051, -0.991294, -0.0562379], 1e-6)
 
 
-@pytest.mark.parametrize("keep", [0.00005, 0.0002, 0.3, 0.6, 0.999, 0.9999999])
+@pytest.mark.parametrize("keep", [0.00005, 0.0002, 0.3, 0.6, 0.999, 0.999999])
 def test_the_real_can_cut_off(real_data, folder, keep):
     content = (real_data / "lmo" / "models" / "obj_000005.ply").read_bytes()
     with pytest.raises(ValueError, match=r"mesh\.ply: "):

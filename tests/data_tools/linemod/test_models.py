@@ -35,6 +35,22 @@ def test_infos_of_the_mesh(pvnet):
         assert models.info(object_id) is info
 
 
+@pytest.mark.parametrize("suffix", [".obj", ".stl"])
+def test_models_of_other_formats(own, densefusion, suffix):
+    for made, name, object_id, unit in (
+        (own, "model", 1, 1),
+        (densefusion, "models/obj_02", 2, 0.001),
+    ):
+        mesh = models_of(made).mesh(object_id)
+        scaled = mesh.copy().apply_scale(1 / unit)
+        made.remove(f"{name}.ply")
+        data = scaled.export(file_type=suffix[1:])
+        made.write(name + suffix, data)
+        again = models_of(made).mesh(object_id)
+        assert len(again.vertices) == len(mesh.vertices) and len(again.faces) == len(mesh.faces)
+        np.testing.assert_allclose(again.bounds, mesh.bounds, atol=1e-8)
+
+
 def test_infos_of_the_list(densefusion):
     info = models_of(densefusion).info(1)
     assert info.diameter == 0.1155
