@@ -32,8 +32,9 @@ def identify(dataset: Dataset) -> tuple[str | None, list]:
         version = code_version(*MODULES, "data_tools.bop")
         # Targets choose among the images, and among the objects in them.
         chosen = None if dataset._targets is None else sorted(dataset._targets.items())
-        targets = chosen and [[*image, sorted(objects.items())] for image, objects in chosen]
-        return "bop", [_contents(dataset), dataset.split, dataset.rotations, targets, version]
+        targets = chosen and [[*image, sorted((o or {}).items())] for image, o in chosen]
+        part = [dataset.split, dataset.sensor, dataset.rotations, targets]
+        return "bop", [_contents(dataset), *part, version]
     return None, []
 
 

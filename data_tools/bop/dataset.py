@@ -4,14 +4,14 @@
     PATH/SPLIT/000002/{rgb,gray,depth,mask,mask_visib}/000003.png
     PATH/SPLIT/000002/scene_camera.json, scene_gt.json, scene_gt_info.json
 
-Layout: BOP toolkit, docs/bop_datasets_format.md. Cameras are read when the dataset is opened, poses
-when the first image of their scene is asked for, images when they are asked for.
+With several sensors, names end in that of one: see `data_tools.bop.layout`. Layout: BOP
+toolkit, docs/bop_datasets_format.md. Cameras are read when the dataset is opened, poses when the
+first image of their scene is asked for, images when they are asked for.
 """
 
 from __future__ import annotations
 
 import operator
-import os
 from collections import Counter
 from functools import cached_property
 from pathlib import Path
@@ -23,13 +23,13 @@ from data_tools.bop.files import (
     find_image,
     read_depth,
     read_grey,
-    read_integer,
-    read_json,
     read_mask,
     read_rgb,
 )
+from data_tools.bop.layout import SceneFiles, choose_sensor, find_scenes, number_of
 from data_tools.bop.models import Models
 from data_tools.bop.scenes import Annotations, Camera, read_annotations, read_cameras
+from data_tools.bop.targets import read_targets
 from data_tools.views import Dataset, ObjectView, View
 from posecore.arrays import fail, require_choice
 from posecore.metrics.pose_table import PoseTable
@@ -54,9 +54,13 @@ class BopDataset(Dataset):
     Args:
         path: the dataset's folder.
         split: name of the split's folder, such as "test" or "train_pbr"; None if there is only one.
+            "val:cam1" is `sensor` "cam1" of "val".
         targets: a file such as "test_targets_bop19.json", by its path or its name in the dataset's
             folder: only the images and the objects that it lists; of several instances of an
-            object the `inst_count` most visible ones, if visible fractions are known.
+            object the `inst_count` most visible ones, if visible fractions are known. One that
+            lists images, such as "test_targets_bop24.json": these with all of their objects.
+        sensor: of several, such as "cam1"; None for the only one, or for files without a sensor in
+            their names. Scenes in which it was not there are left out.
         rotations: "project" turns rotations that are slightly off into the nearest ones and warns
             once per file if they are noticeably off; "as_read" leaves them, to reproduce the
             figures of others.
@@ -71,26 +75,35 @@ class BopDataset(Dataset):
         split: str | None = None,
         *,
         targets: str | Path | None = None,
+        sensor: str | None = None,
         rotations: str = "project",
     ) -> None:
         require_choice("rotations", rotations, ("project", "as_read"))
         if not isinstance(path, str | Path) or not Path(path).is_dir():
             fail("path", "the folder of a BOP dataset", repr(path))
         self.path = Path(path)
-        splits = sorted(p.name for p in self.path.iterdir() if p.is_dir() and _find_scenes(p))
+        splits = sorted(p.name for p in self.path.iterdir() if p.is_dir() and find_scenes(p))
         if not splits:
             fail("path", "a folder with splits and scenes, such as test/000001", repr(str(path)))
+        if isinstance(split, str) and sensor is None:
+            split, _, name = split.partition(":")
+            sensor = name or None
         if split is None and len(splits) == 1:
             split = splits[0]
         if split not in splits:
             fail("split", f"one of {', '.join(splits)} in {path}", repr(split))
         self.split: str = split
         self.rotations = rotations
-        self._scenes = _find_scenes(self.path / split)
+        self._scenes = choose_sensor(find_scenes(self.path / split), sensor)
+        self.sensor: str = next(iter(self._scenes.values())).sensor
         self._cameras = {i: _read_scene_cameras(p, rotations) for i, p in self._scenes.items()}
         self._annotations: dict[int, Annotations] = {}
         self._shapes: dict[int, tuple[np.ndarray | None, np.ndarray | None]] = {}
-        self._targets = None if targets is None else self._read_targets(targets)
+        self._targets = None
+        if targets is not None:
+            file = self.path / targets
+            known = {(i, image) for i, cameras in self._cameras.items() for image in cameras}
+            self._targets = read_targets(file if file.is_file() else Path(targets), known, split)
         index = [(scene, image) for scene, cameras in self._cameras.items() for image in cameras]
         self._index = [key for key in index if self._targets is None or key in self._targets]
 
@@ -100,18 +113,18 @@ class BopDataset(Dataset):
     def __getitem__(self, index: int) -> View:
         scene_id, image_id = self._index[operator.index(index)]
         camera = self._cameras[scene_id][image_id]
-        folder, stem = self._scenes[scene_id], f"{image_id:06d}"
+        files, stem = self._scenes[scene_id], f"{image_id:06d}"
         images = {
-            name: read(find_image(folder / kind, stem))
+            name: read(find_image(folder, stem))
             for name, kind, read in (("rgb", "rgb", read_rgb), ("ir", "gray", read_grey))
-            if (folder / kind).is_dir()
+            if (folder := files.images(kind)) is not None
         }
-        if (folder / "depth").is_dir():
-            images["depth"] = _read_scene_depth(folder, stem, camera)
+        if files.images("depth") is not None:
+            images["depth"] = _read_scene_depth(files, stem, camera)
         annotations = self._annotations_of(scene_id)
         first = annotations.rows.get(image_id, range(0)).start
         objects = tuple(
-            self._object(annotations, row, folder, f"{stem}_{row - first:06d}")
+            self._object(annotations, row, files, f"{stem}_{row - first:06d}")
             for row in self._rows(scene_id, image_id)
         )
         try:
@@ -124,10 +137,11 @@ class BopDataset(Dataset):
                 **images,
             )
         except ValueError as error:
-            raise ValueError(f"{folder}: image {image_id}: {error}") from error
+            raise ValueError(f"{files.folder}: image {image_id}: {error}") from error
 
     def __repr__(self) -> str:
-        return f"BopDataset({str(self.path)!r}, {self.split!r}: {len(self)} images)"
+        part = self.split + (f":{self.sensor}" if self.sensor else "")
+        return f"BopDataset({str(self.path)!r}, {part!r}: {len(self)} images)"
 
     @cached_property
     def object_ids(self) -> tuple[int, ...]:
@@ -189,7 +203,9 @@ class BopDataset(Dataset):
         folder = next((f for f in MODEL_FOLDERS if (self.path / f).is_dir()), None)
         return None if folder is None else Models(self.path / folder)
 
-    def _object(self, annotations: Annotations, row: int, folder: Path, stem: str) -> ObjectView:
+    def _object(
+        self, annotations: Annotations, row: int, files: SceneFiles, stem: str
+    ) -> ObjectView:
         object_id = int(annotations.object_id[row])
         box, fraction = annotations.box, annotations.visible_fraction
         size, symmetries = self._shape_of(object_id)
@@ -198,8 +214,8 @@ class BopDataset(Dataset):
             R=annotations.R[row],
             t=annotations.t[row],
             box=None if box is None or np.isnan(box[row, 0]) else box[row],
-            mask=_read_scene_mask(folder / "mask_visib", stem),
-            full_mask=_read_scene_mask(folder / "mask", stem),
+            mask=_read_scene_mask(files.images("mask_visib"), stem),
+            full_mask=_read_scene_mask(files.images("mask"), stem),
             visible_fraction=None if fraction is None else float(fraction[row]),
             size=size,
             symmetries=symmetries,
@@ -222,6 +238,8 @@ class BopDataset(Dataset):
         if self._targets is None or not targets_only:
             return list(rows)
         wanted = self._targets[scene_id, image_id]
+        if wanted is None:
+            return list(rows)
         chosen: list[int] = []
         for object_id, count in wanted.items():
             instances = [row for row in rows if annotations.object_id[row] == object_id]
@@ -237,8 +255,8 @@ class BopDataset(Dataset):
         return self._annotations[scene_id]
 
     def _read_annotations(self, scene_id: int) -> Annotations:
-        folder = self._scenes[scene_id]
-        path, info_path = folder / "scene_gt.json", folder / "scene_gt_info.json"
+        files = self._scenes[scene_id]
+        path, info_path = files.json("scene_gt"), files.json("scene_gt_info")
         if not path.is_file() and not info_path.is_file() and self.split.startswith("test"):
             return Annotations({}, np.zeros(0, np.int64), np.zeros((0, 3, 3)), np.zeros((0, 3)))
         info = info_path if info_path.is_file() else None
@@ -249,64 +267,34 @@ class BopDataset(Dataset):
         for (scene, image_id), wanted in (self._targets or {}).items():
             rows = annotations.rows.get(image_id, range(0))
             there = Counter(annotations.object_id[rows].tolist())
-            lost = [object_id for object_id, n in wanted.items() if there[object_id] < n]
+            lost = [object_id for object_id, n in (wanted or {}).items() if there[object_id] < n]
             if scene == scene_id and lost:
                 raise ValueError(
                     f"{path}: image {image_id} has too few of the target objects {sorted(lost)}"
                 )
         return annotations
 
-    def _read_targets(self, targets: str | Path) -> dict[tuple[int, int], dict[int, int]]:
-        """The objects that a targets file lists, and how many of each, by scene and image."""
-        path = self.path / targets
-        if not path.is_file():
-            path = Path(targets)
-        entries = read_json(path)
-        if not isinstance(entries, list):
-            raise ValueError(f"{path}: expected a list of targets, got a {type(entries).__name__}")
-        wanted: dict[tuple[int, int], dict[int, int]] = {}
-        for number, entry in enumerate(entries):
-            where = f"{path}: target {number}"
-            scene_id, image_id, object_id = (
-                read_integer(where, entry, key) for key in ("scene_id", "im_id", "obj_id")
-            )
-            if image_id not in self._cameras.get(scene_id, {}):
-                raise ValueError(
-                    f"{where}: scene {scene_id}, image {image_id} is not in {self.split}"
-                )
-            count = read_integer(where, entry, "inst_count") if "inst_count" in entry else 1
-            if count < 1:
-                raise ValueError(f"{where}: inst_count: expected at least 1, got {count}")
-            wanted.setdefault((scene_id, image_id), {})[object_id] = count
-        return wanted
 
-
-def _find_scenes(folder: Path) -> dict[int, Path]:
-    """The scenes of a split by their ids: the folders with a number for a name."""
-    found = sorted((int(p.name), p) for p in folder.iterdir() if p.name.isdigit() and p.is_dir())
-    if len(dict(found)) < len(found):
-        raise ValueError(f"{folder}: two folders of one scene, {[p.name for _, p in found]}")
-    return dict(found)
-
-
-def _read_scene_cameras(folder: Path, rotations: str) -> dict[int, Camera]:
+def _read_scene_cameras(files: SceneFiles, rotations: str) -> dict[int, Camera]:
     """The cameras of a scene, and that no image is without one."""
-    path = folder / "scene_camera.json"
+    path = files.json("scene_camera")
     cameras = read_cameras(path, rotations)
     for kind in ("rgb", "gray", "depth"):
-        for name in sorted(os.listdir(folder / kind)) if (folder / kind).is_dir() else ():
-            stem, suffix = os.path.splitext(name)
-            if suffix in IMAGE_SUFFIXES and stem.isdigit() and int(stem) not in cameras:
-                raise ValueError(f"{path}: no camera for {kind}/{name}")
+        folder = files.images(kind)
+        for file in sorted(folder.iterdir()) if folder is not None else ():
+            image = number_of(file.stem) if file.suffix.lower() in IMAGE_SUFFIXES else None
+            if image is not None and image not in cameras:
+                raise ValueError(f"{path}: no camera for {folder.name}/{file.name}")
     return cameras
 
 
-def _read_scene_depth(folder: Path, stem: str, camera: Camera) -> np.ndarray:
-    path = find_image(folder / "depth", stem)
+def _read_scene_depth(files: SceneFiles, stem: str, camera: Camera) -> np.ndarray:
+    path = find_image(files.images("depth"), stem)
     if camera.depth_scale is None:
-        raise ValueError(f"{folder / 'scene_camera.json'}: image {stem}: depth_scale is missing")
+        where = f"{files.json('scene_camera')}: image {stem}"
+        raise ValueError(f"{where}: depth_scale is missing")
     return read_depth(path, camera.depth_scale)
 
 
-def _read_scene_mask(folder: Path, stem: str) -> np.ndarray | None:
-    return read_mask(find_image(folder, stem)) if folder.is_dir() else None
+def _read_scene_mask(folder: Path | None, stem: str) -> np.ndarray | None:
+    return None if folder is None else read_mask(find_image(folder, stem))

@@ -1,4 +1,5 @@
 import pickle
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import data_tools
+from data_tools.batches.identity import identify
 from data_tools.bop import BopDataset, RotationWarning, read_results
 from data_tools.bop import dataset as module
 
@@ -128,6 +130,104 @@ def test_targets(tree, absolute):
         view.objects[1].mask, tree.masks["mask_visib", "000004_000002"] > 0
     )
     assert dataset.ground_truth().object_id.tolist() == [2, 2]
+
+
+@pytest.mark.parametrize("inst_count", [False, True])
+def test_targets_that_are_images(tree, inst_count):
+    """As in test_targets_bop24.json, which `export` writes too: all objects of these images."""
+    tree.json["test_targets_bop24"] = [
+        {"scene_id": 1, "im_id": 10} | ({"inst_count": 1} if inst_count else {}),
+        {"scene_id": 12, "im_id": 0},
+    ]
+    tree.save()
+    dataset = BopDataset(tree.path, "test", targets="test_targets_bop24.json")
+    assert dataset.images == [(1, 10), (12, 0)]
+    whole = BopDataset(tree.path, "test")
+    for view in dataset:
+        same = whole[whole.images.index((view.scene_id, view.image_id))]
+        assert [o.object_id for o in view.objects] == [o.object_id for o in same.objects]
+    assert dataset.ground_truth().object_id.tolist() == [2]
+    assert identify(dataset)[1] != identify(whole)[1]
+
+
+def with_sensors(tree):
+    """Scene 1 as of the sensor cam1, and of cam2 with its first image and no masks."""
+    folder = tree.path / "test/000001"
+    for name in ("camera", "gt", "gt_info"):
+        content = tree.json.pop(f"test/000001/scene_{name}")
+        tree.remove(f"test/000001/scene_{name}.json")
+        tree.json[f"test/000001/scene_{name}_cam1"] = content
+        if name != "gt_info":
+            tree.json[f"test/000001/scene_{name}_cam2"] = {"4": content["4"]}
+    shutil.copytree(folder / "rgb", folder / "rgb_cam2")
+    (folder / "rgb_cam2/000010.png").unlink()
+    for kind in ("rgb", "depth", "mask", "mask_visib"):
+        (folder / kind).rename(folder / f"{kind}_cam1")
+    tree.json["test/000001/scene_camera_cam2"] = {"4": {"cam_K": [50, 0, 7, 0, 50, 5, 0, 0, 1]}}
+    tree.save()
+
+
+def test_several_sensors(tree):
+    """BOP's layout of its industrial datasets: every file's name ends in that of the sensor."""
+    before = list(BopDataset(tree.path, "test"))[:2]
+    shutil.rmtree(tree.path / "test/000012")
+    del tree.json["test/000012/scene_camera"], tree.json["test_targets"]
+    with_sensors(tree)
+    with pytest.raises(ValueError, match="sensor: expected one of cam1, cam2, got None"):
+        BopDataset(tree.path, "test")
+    with pytest.raises(ValueError, match="sensor: expected one of cam1, cam2, got 'cam3'"):
+        BopDataset(tree.path, "test", sensor="cam3")
+    for first in (
+        BopDataset(tree.path, "test", sensor="cam1"),
+        data_tools.open(f"bop:{tree.path}", split="test:cam1"),
+    ):
+        assert repr(first).endswith("'test:cam1': 2 images)")
+        for view, same in zip(first, before, strict=True):
+            np.testing.assert_array_equal(view.rgb, same.rgb)
+            np.testing.assert_array_equal(view.depth, same.depth)
+            for item, other in zip(view.objects, same.objects, strict=True):
+                np.testing.assert_array_equal(item.mask, other.mask)
+                np.testing.assert_array_equal(item.full_mask, other.full_mask)
+                np.testing.assert_array_equal(item.t, other.t)
+                assert item.visible_fraction == other.visible_fraction
+    second = BopDataset(tree.path, "test", sensor="cam2")
+    assert second.images == [(1, 4)]
+    assert second[0].K[0, 0] == 50 and second[0].depth is None
+    assert [item.mask for item in second[0].objects] == [None] * 3
+    assert identify(first)[1] != identify(second)[1]
+    (tree.path / "test/000001/scene_camera_cam2.json").unlink()
+    assert BopDataset(tree.path, "test").sensor == "cam1", "the only one"
+
+
+def test_sensors_beside_files_without_one(tree):
+    """Files whose names have no sensor come first; scenes without the sensor are left out."""
+    folder = tree.path / "test/000001"
+    shutil.copy(folder / "scene_camera.json", folder / "scene_camera_cam1.json")
+    shutil.copy(folder / "scene_gt.json", folder / "scene_gt_cam1.json")
+    assert BopDataset(tree.path, "test").images == [(1, 4), (1, 10), (12, 0)]
+    assert BopDataset(tree.path, "test", sensor="cam1").images == [(1, 4), (1, 10)]
+    with pytest.raises(ValueError, match="sensor: expected None, as files name no sensor"):
+        BopDataset(tree.path, "train_pbr", sensor="cam1")
+
+
+def test_sensors_that_are_called_by_what_they_see(tree):
+    """HOT3D's: the folder gray1 beside scene_camera_gray1.json and mask_gray1."""
+    folder = tree.path / "test/000012"
+    (folder / "gray").rename(folder / "gray1")
+    (folder / "scene_camera.json").rename(folder / "scene_camera_gray1.json")
+    view = BopDataset(tree.path, "test:gray1")[0]
+    np.testing.assert_array_equal(view.ir, tree.grey[12, 0])
+    tree.image(12, "gray1", 7, tree.grey[12, 0])
+    with pytest.raises(ValueError, match=r"scene_camera_gray1\.json: no camera for gray1/000007"):
+        BopDataset(tree.path, "test:gray1")
+
+
+@pytest.mark.parametrize("name", ["²", "٣", "9" * 30])
+def test_names_with_digits_that_are_no_numbers(tree, name):
+    """A scene's folder or an image of such a name is none; nothing breaks."""
+    (tree.path / "test" / name).mkdir()
+    (tree.path / "test/000001/rgb" / f"{name}.png").touch()
+    assert BopDataset(tree.path, "test").images == [(1, 4), (1, 10), (12, 0)]
 
 
 def test_targets_count_the_most_visible_instances(tree):
@@ -358,7 +458,12 @@ def test_poses_of_an_image_without_a_camera(tree):
     [
         ({}, "expected a list of targets, got a dict"),
         ([[]], "target 0: expected a JSON object"),
-        ([{"scene_id": 1, "im_id": 4}], "target 0: obj_id is missing"),
+        (
+            [{"scene_id": 1, "im_id": 4, "obj_id": 1}, {"scene_id": 1, "im_id": 4}],
+            "target 1: obj_id is missing",
+        ),
+        ([{"scene_id": 1, "im_id": 5}], "target 0: scene 1, image 5 is not in test"),
+        ([{"scene_id": 1}], "target 0: im_id is missing"),
         ([{"scene_id": 1, "im_id": "4", "obj_id": 1}], "target 0: im_id: expected an integer"),
         ([{"scene_id": 3, "im_id": 4, "obj_id": 1}], "target 0: scene 3, image 4 is not in test"),
         ([{"scene_id": 1, "im_id": 5, "obj_id": 1}], "target 0: scene 1, image 5 is not in test"),
