@@ -21,7 +21,10 @@ from data_tools.bop.rotations import check_rotations
 from data_tools.bop.scenes import read_by_id
 from posecore.arrays import fail, require_number
 
-__all__ = ["ModelInfo", "Models"]
+__all__ = ["MOST_SYMMETRIES", "ModelInfo", "Models"]
+
+MOST_SYMMETRIES = 10_000  # motions of one object; an axis and a flip make 630
+FARTHEST = 1e12  # metres: what is beyond has no squares and sums in float32
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +74,21 @@ class ModelInfo:
                 fail("symmetries_continuous", "an offset of three numbers", offset.tolist())
             pairs.append((axis / length, offset))
         set_field(self, "symmetries_continuous", tuple(pairs))
+        if len(pairs) + len(discrete) > MOST_SYMMETRIES:
+            fail("symmetries", f"at most {MOST_SYMMETRIES}", len(pairs) + len(discrete))
+        lengths = [
+            self.diameter,
+            self.minimum,
+            self.size,
+            discrete[:, :3, 3],
+            *(o for _, o in pairs),
+        ]
+        if not max(np.abs(length).max(initial=0) for length in lengths) < FARTHEST:
+            fail(
+                "diameter, minimum, size and symmetries",
+                f"lengths below {FARTHEST:.0e} m",
+                "others",
+            )
 
     def symmetries(self, max_step: float = 0.01) -> np.ndarray:
         """All motions that leave the object as it is, rotations about an axis in small steps.
@@ -84,13 +102,17 @@ class ModelInfo:
             max_step: largest step as a fraction of the diameter, above 0 and at most 1.
 
         Returns:
-            (S, 4, 4) motions in metres, the identity first.
+            (S, 4, 4) motions in metres, the identity first; S is at most MOST_SYMMETRIES.
 
         Raises:
-            ValueError: if `max_step` is out of range.
+            ValueError: if `max_step` is out of range, or there would be more.
         """
         max_step = require_number("max_step", max_step, None, 1, above=0)
         count = math.ceil(math.pi / max_step)
+        most = 1 + len(self.symmetries_continuous) * (count - 1)
+        most *= 1 + len(self.symmetries_discrete)
+        if most > MOST_SYMMETRIES:
+            fail("symmetries", f"at most {MOST_SYMMETRIES} motions with steps of {max_step}", most)
         angles = 2 * math.pi / count * np.arange(1, count)
         turns = [np.eye(4)[None]]
         for axis, offset in self.symmetries_continuous:
@@ -194,6 +216,9 @@ def _read_info(path: Path, object_id: int, entry: Any) -> ModelInfo:
     continuous = entry.get("symmetries_continuous", [])
     if not isinstance(discrete, list) or not isinstance(continuous, list):
         raise ValueError(f"{where}: expected lists of symmetries")
+    if len(discrete) + len(continuous) > MOST_SYMMETRIES:
+        got = len(discrete) + len(continuous)
+        raise ValueError(f"{where}: expected at most {MOST_SYMMETRIES} symmetries, got {got}")
     keyed = {f"symmetries_discrete {i}": matrix for i, matrix in enumerate(discrete)}
     T = np.reshape([read_numbers(where, keyed, key, 16) for key in keyed], (-1, 4, 4))
     T[:, :3, :3] = check_rotations(
@@ -205,7 +230,10 @@ def _read_info(path: Path, object_id: int, entry: Any) -> ModelInfo:
         for entry in continuous
     ]
     try:
-        return ModelInfo(diameter, minimum, size, T, tuple(axes))
+        info = ModelInfo(diameter, minimum, size, T, tuple(axes))
+        if axes:  # that they are not too many together
+            info.symmetries()
+        return info
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
 

@@ -196,6 +196,35 @@ def test_damaged_models_info_is_refused(tree, damage, message):
         Models(tree.path / "models")
 
 
+def test_symmetries_without_end(tree):
+    """30 000 of them, or as many in all: refused at once, with the file's name."""
+    flip = np.eye(4).ravel().tolist()
+    turn = {"axis": [0, 0, 1], "offset": [0, 0, 0]}
+    for entries in (
+        {"symmetries_discrete": [flip] * 30_000},
+        {"symmetries_continuous": [turn] * 30_000},
+        {"symmetries_discrete": [flip] * 99, "symmetries_continuous": [turn]},
+        {"symmetries_continuous": [turn] * 99},
+    ):
+        change(tree, **{"symmetries_discrete": [], "symmetries_continuous": []} | entries)
+        tree.save()
+        with pytest.raises(ValueError, match=r"models_info\.json: object 1: .*at most 10000"):
+            Models(tree.path / "models")
+    with pytest.raises(ValueError, match="symmetries: expected at most 10000 motions with steps"):
+        info(continuous=[([0, 0, 1], [0, 0, 0])]).symmetries(1e-4)
+    with pytest.raises(ValueError, match="symmetries: expected at most 10000, got 10001"):
+        info(np.tile(np.eye(4), (10_001, 1, 1)))
+    assert len(info(np.tile(np.eye(4), (9_999, 1, 1))).symmetries()) == 10_000
+
+
+@pytest.mark.parametrize("key", ["diameter", "size_y", "min_z"])
+def test_lengths_beyond_reason(tree, key):
+    change(tree, **{key: 1e300})
+    tree.save()
+    with pytest.raises(ValueError, match=r"models_info\.json: object 1: .* below 1e\+12 m"):
+        Models(tree.path / "models")
+
+
 @pytest.mark.parametrize("keep", [0, 0.1, 0.5, 0.99])
 def test_cut_files_are_refused(tree, keep):
     tree.cut("models/obj_000002.ply", keep)
