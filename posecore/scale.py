@@ -63,16 +63,24 @@ def cache_folder() -> Path:
     """The folder that caches share. It is not made here: whoever writes to it makes it.
 
     Raises:
-        ValueError: if `POSECORE_CACHE` is not absolute, or is something other than a folder.
+        ValueError: if `POSECORE_CACHE` is not absolute, names somebody who is no user, or is
+            something other than a folder.
     """
     given = os.environ.get("POSECORE_CACHE")
     if not given:
         return _user_cache() / "posecore"
-    folder = Path(given).expanduser()
+    try:
+        folder = Path(given).expanduser()
+    except RuntimeError:
+        fail("POSECORE_CACHE", "the home of a user, or an absolute path", repr(given))
     # A relative one would be a different folder for every notebook.
     if not folder.is_absolute():
         fail("POSECORE_CACHE", "an absolute path", repr(given))
-    if folder.exists() and not folder.is_dir():
+    try:
+        wrong = folder.exists() and not folder.is_dir()
+    except (OSError, ValueError) as error:  # a name that is too long, or no name
+        fail("POSECORE_CACHE", "a path that can be a folder's", f"{given!r:.80}: {error!s:.40}")
+    if wrong:
         fail("POSECORE_CACHE", "a folder", f"the file {given!r}")
     return folder
 
@@ -80,9 +88,16 @@ def cache_folder() -> Path:
 def _user_cache() -> Path:
     """Where the three systems want caches: XDG base directories, Library/Caches, LOCALAPPDATA."""
     if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches"
+        return _home() / "Library" / "Caches"
     variable = "LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME"
     folder = Path(os.environ.get(variable, ""))
     if folder.is_absolute():  # the XDG specification says to ignore relative ones
         return folder
-    return Path.home() / ("AppData/Local" if sys.platform == "win32" else ".cache")
+    return _home() / ("AppData/Local" if sys.platform == "win32" else ".cache")
+
+
+def _home() -> Path:
+    try:
+        return Path.home()
+    except RuntimeError:  # a user without a name, as in some containers
+        fail("POSECORE_CACHE", "an absolute path, as this user has no home", "none")

@@ -91,6 +91,24 @@ def test_a_cache_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         cache_folder()
 
 
+@pytest.mark.parametrize("given", ["~nosuchuser/x", "/" + 300 * "a"])
+def test_a_cache_of_nobody(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("POSECORE_CACHE", given)
+    with pytest.raises(ValueError, match=f"^POSECORE_CACHE: expected .*{given[:20]}"):
+        cache_folder()
+
+
+def test_a_user_without_a_home(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nobody() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(module.Path, "home", nobody)
+    for platform in ("linux", "darwin", "win32"):
+        monkeypatch.setattr(module.sys, "platform", platform)
+        with pytest.raises(ValueError, match="^POSECORE_CACHE: expected an absolute path, as this"):
+            cache_folder()
+
+
 @pytest.mark.parametrize(
     ("platform", "variable", "default"),
     [
