@@ -14,6 +14,7 @@ from data_tools.batches.decoding import make_piece
 from data_tools.batches.files import PIECE, Pieces
 from data_tools.batches.identity import identify
 from data_tools.batches.indices import to_indices
+from data_tools.batches.memory import require_room
 from data_tools.batches.sampling import make_batch
 from data_tools.batches.table import Table
 from data_tools.batches.warps import require_size, widened
@@ -113,11 +114,13 @@ class Stack(Table):
             What the data do not have is not there.
 
         Raises:
-            ValueError: naming the argument that does not fit this description.
+            ValueError: naming the argument that does not fit this description, or a batch that does
+                not fit into memory.
         """
         views = to_indices("views", views, len(self))
         flat = views.reshape(-1)
         size = self.size if size is None else require_size("size", size)
+        require_room("views" if len(flat) > 1 else "size", len(flat), size)
         if boxes is None:
             windows = np.tile([0.0, 0.0, *self.size], (len(flat), 1))
         else:
@@ -159,13 +162,14 @@ class Stack(Table):
             there is "mask" (B, h, w) bool, the pixels in which the object is seen.
 
         Raises:
-            ValueError: naming the argument that does not fit this description; an object that is
-                not seen has no box of its own.
+            ValueError: naming the argument that does not fit this description, or a batch that does
+                not fit into memory; an object that is not seen has no box of its own.
         """
         rows = to_indices("rows", rows, len(self.view))
         if rows.ndim != 1:
             fail("rows", "shape (B,)", f"shape {tuple(rows.shape)}")
         size = require_size("size", size)
+        require_room("rows" if len(rows) > 1 else "size", len(rows), size)
         margin = require_number("margin", margin, above=0)
         if boxes is None:
             boxes = self.box[rows]
