@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import itertools
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -113,7 +114,9 @@ def _stores(options: argparse.Namespace) -> list[storage.Store]:
 
 def _part(text: str) -> tuple[int, int]:
     i, _, n = text.partition("/")
-    if not (i.isdecimal() and n.isdecimal() and 1 <= int(i) <= int(n)):
+    if not (
+        re.fullmatch("[0-9]{1,9}", i) and re.fullmatch("[0-9]{1,9}", n) and 1 <= int(i) <= int(n)
+    ):
         fail("--shard", "i/n, the i-th of n parts, such as 1/4", repr(text))
     return int(i), int(n)
 

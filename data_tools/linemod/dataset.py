@@ -27,10 +27,10 @@ import numpy as np
 
 from data_tools.bop.files import read_depth, read_mask, read_rgb
 from data_tools.linemod.folders import (
-    SPLITS,
     Numbered,
     ObjectFolder,
     find_objects,
+    lists_of,
     read_numbers_of,
 )
 from data_tools.linemod.models import LinemodModels
@@ -189,8 +189,7 @@ class LinemodDataset(Dataset):
         self._folders = {i: self._folders[i] for i in ids}
 
     def _find_split(self, split: Any) -> str | None:
-        folders = self._folders.values()
-        lists = [s for s in SPLITS if any((f.path / f"{s}.txt").exists() for f in folders)]
+        lists = lists_of(self._folders.values())
         if split is None and len(lists) < 2:
             return lists[0] if lists else None
         if split not in lists:

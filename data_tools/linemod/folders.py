@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import codecs
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,7 @@ __all__ = [
     "ObjectFolder",
     "decode_text",
     "find_objects",
+    "lists_of",
     "read_numbers_of",
     "require_file",
 ]
@@ -139,6 +141,12 @@ def _object_in(path: Path) -> ObjectFolder | None:
     if number in NAMES or number > max(NAMES) or (path / "gt.yml").is_file():
         return ObjectFolder(number, NAMES.get(number, path.name), path, "densefusion")
     return None
+
+
+def lists_of(folders: Iterable[ObjectFolder]) -> list[str]:
+    """The splits that `train.txt` and `test.txt` of some of the objects list."""
+    folders = list(folders)
+    return [s for s in SPLITS if any((f.path / f"{s}.txt").exists() for f in folders)]
 
 
 def read_numbers_of(path: Path) -> list[int]:

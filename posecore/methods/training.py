@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
@@ -13,6 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from data_tools.batches import Stack, load
+from data_tools.linemod.folders import find_objects, lists_of
 from data_tools.views import Dataset, ModelSet
 from posecore.arrays import fail, require_integer
 from posecore.methods.notes import note
@@ -48,7 +50,9 @@ def add_parser(
     parser = methods.add_parser(name, help=summary, description=description)
     parser.set_defaults(command=partial(_interruptible, command))
     parser.add_argument("--data", metavar="SOURCE", required=True, help=SOURCE)
-    parser.add_argument("--split", default="train", help="default: train")
+    parser.add_argument(
+        "--split", help="default: train; of an own object without lists all of its images"
+    )
     parser.add_argument("--out", metavar="RUN", required=True, help="folder, new or to go on in")
     parser.add_argument("--objects", metavar="ID", type=int, nargs="+", help="default: all")
     parser.add_argument("--scale", choices=SCALES, help="sizes; default: POSECORE_SCALE")
@@ -62,6 +66,11 @@ def _interruptible(
 ) -> None:
     try:
         command(options)
+    except RuntimeError as error:  # torch's allocators say no more than this
+        if not re.search("allocate memory|not enough memory|out of memory", str(error)):
+            raise
+        words = " ".join(str(error).split())
+        raise ValueError(f"--batch: expected one that fits into memory: {words:.200}") from error
     except KeyboardInterrupt:
         print("\nstopped; the same command goes on from here", file=sys.stderr)
         sys.exit(130)
@@ -150,13 +159,15 @@ def open_data(options: argparse.Namespace, job: Job, kinds: Mapping[str, str]) -
     """Open and read the data that the options of `add_parser` ask for.
 
     Args:
-        options: of the command.
+        options: of the command; `split` becomes the one that is read, if none was asked for.
         job: of these options.
         kinds: of images that the method needs, as a `Stack` names them, and in words.
 
     Raises:
         ValueError: if there are no such data or objects, or the data lack a kind of images.
     """
+    if options.split is None:
+        options.split = _split(options.data)
     dataset = open_source(options.data, options.split, job.scale, show=job.first)
     models, objects = dataset.models(), _objects(options, dataset)
     if options.data.startswith("linemod:"):
@@ -168,6 +179,18 @@ def open_data(options: argparse.Namespace, job: Job, kinds: Mapping[str, str]) -
         if kind not in stack.kinds:
             fail("--data", f"data with {words}", f"{options.data} with {', '.join(stack.kinds)}")
     return Data(stack, models, objects)
+
+
+def _split(source: str) -> str | None:
+    """The part that is trained with unless another is asked for; None for all there is."""
+    kind, _, path = source.partition(":")
+    if (
+        kind == "linemod"
+        and Path(path).is_dir()
+        and not lists_of(find_objects(Path(path)).values())
+    ):
+        return None
+    return "train"
 
 
 def _objects(options: argparse.Namespace, dataset: Dataset) -> list[int]:

@@ -118,6 +118,55 @@ def test_linemod_is_opened_for_its_objects(opened, capsys, first):
     assert capsys.readouterr().err == ""
 
 
+def test_the_split_that_is_read_unless_another_is_asked_for(opened, tmp_path):
+    """An own object of linemod without lists has none."""
+    own = tmp_path / "mug"
+    (own / "rgb").mkdir(parents=True)
+    for lists, given, expected in (
+        ((), (), None),
+        (("train", "test"), (), "train"),
+        (("train", "test"), ("--split", "test"), "test"),
+        (("test",), (), "train"),
+    ):
+        for name in ("train", "test"):
+            (own / f"{name}.txt").unlink(missing_ok=True)
+        for name in lists:
+            (own / f"{name}.txt").touch()
+        options = parsed(*given)
+        options.data = f"linemod:{own}"
+        open_data(options, JOB, {})
+        assert [call[1] for call in opened[-2:]] == [expected] * 2
+        assert options.split == expected
+    options = parsed()
+    open_data(options, JOB, {})
+    assert options.split == opened[-1][1] == "train"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[enforce fail at alloc_cpu.cpp:124] err == 0. DefaultCPUAllocator: can't allocate memory",
+        "DefaultCPUAllocator: not enough memory: you tried to allocate 7 bytes.",
+        "CUDA out of memory. Tried to allocate 7 GiB.",
+    ],
+)
+def test_what_does_not_fit_is_one_line(text):
+    def full(options):
+        raise RuntimeError(text + "\nand a trace")
+
+    options = parsed(command=full)
+    with pytest.raises(ValueError, match="^--batch: expected one that fits into memory") as refused:
+        options.command(options)
+    assert "\n" not in str(refused.value)
+
+    def other(options):
+        raise RuntimeError("another one")
+
+    options = parsed(command=other)
+    with pytest.raises(RuntimeError, match="another one"):
+        options.command(options)
+
+
 def test_data_that_will_not_do(opened, three):
     with pytest.raises(ValueError, match="^--data: expected data with depth, got bop:three with"):
         open_data(parsed(), JOB, {"rgb": "colour images", "depth": "depth"})

@@ -7,6 +7,7 @@ import math
 from typing import NamedTuple
 
 from data_tools.batches import Stack
+from data_tools.batches.memory import BYTES, require_room
 from posecore.arrays import fail, require_number
 from posecore.methods.runs import resumed
 from posecore.methods.training import Job, integer_option, open_data
@@ -29,6 +30,7 @@ __all__ = ["train"]
 
 AT_ONCE = 64  # windows that are cut together; their backgrounds are of each other
 IN_POOL = 30_000  # windows at most: of 96 x 96 pixels, 1.4 GB
+NET_BYTES = 600, 15  # of a pixel that the network learns from at the least, and for its width
 KINDS = {"rgb": "colour images", "instance": "masks of all objects"}
 
 
@@ -63,6 +65,8 @@ def _prepare(options: argparse.Namespace) -> _Task:
     steps = integer_option("--steps", options.steps, plan.steps, 1)
     refiner_steps = integer_option("--refiner-steps", options.refiner_steps, plan.refiner_steps, 0)
     data, known, objects = open_data(options, job, KINDS)
+    each = max(NET_BYTES[0], NET_BYTES[1] * plan.width) if job.device.type == "cpu" else BYTES
+    require_room("--batch", batch, tuple(map(min, plan.window, data.size)), each)
     asked = {
         "data": options.data,
         "split": options.split,

@@ -29,6 +29,33 @@ def test_a_world_and_a_field_without_refiner(tmp_path, capsys):
     assert output.exists()
 
 
+def test_an_own_object_without_lists(source, tmp_path, capsys):
+    """Trained and found again without a split, which there is none of; in it, it goes on."""
+    views = data_tools.open(source, split="train")
+    own = tmp_path / "mug"
+    for name in ("rgb", "mask", "pose"):
+        (own / name).mkdir(parents=True)
+    shown = [(v, o) for v in views for o in v.objects if o.object_id == 1 and o.mask.sum() > 30]
+    for number, (view, item) in enumerate(shown):
+        cv2.imwrite(str(own / f"rgb/{number}.jpg"), view.rgb[..., ::-1])
+        cv2.imwrite(str(own / f"mask/{number}.png"), item.mask[..., None] * np.uint8([0, 255, 0]))
+        np.save(own / f"pose/pose{number}.npy", np.column_stack([item.R, item.t]))
+    np.savetxt(own / "camera.txt", shown[0][0].K)
+    views.models().mesh(1).export(own / "model.obj")
+    data, run = f"linemod:{own}", tmp_path / "run"
+    words = ["train", "vector_field", "--data", data, "--out", str(run), "--steps", "8"]
+    words += ["--refiner-steps", "2"]
+    for _ in range(2):
+        assert main(words) == 0
+    assert read_run(run).options["split"] is None
+    output = tmp_path / "out.csv"
+    assert main(estimate_words(run, data, output)) == 0
+    assert len(read_results(output)) > 0
+    capsys.readouterr()
+    assert main([*words[:-2], "--batch", "10000000"]) == 2
+    assert "--batch: expected a batch that fits into" in capsys.readouterr().err
+
+
 def test_linemod_as_pvnet_lays_it_out(source, tmp_path, capsys):
     """No visible fractions, no boxes, one object in each image."""
     views = data_tools.open(source, split="train")
