@@ -19,6 +19,8 @@ from posecore.arrays import fail, require_integer, require_number
 
 __all__ = ["Dataset", "ModelSet", "ObjectView", "View", "open"]
 
+FARTHEST = 1e12  # metres or pixels: what is beyond has no squares and sums in float32
+
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class ObjectView:
@@ -251,6 +253,8 @@ def _numbers(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
         fail(name, f"shape {shape}", f"shape {array.shape}")
     if not np.isfinite(array).all():
         fail(name, "finite values", array.tolist())
+    if np.abs(array).max(initial=0) > FARTHEST:
+        fail(name, f"values of at most {FARTHEST:.0e} in size", array.tolist())
     return array.astype(np.float64)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from posecore.arrays import fail
 
-__all__ = ["BYTES", "machine_memory", "require_room"]
+__all__ = ["BYTES", "machine_memory", "require_bytes", "require_room"]
 
 BYTES = 30  # of a pixel of a batch at the least: colours, which object, and what they are made from
 UNKNOWN = 64 * 2**30  # where a system does not say how much memory there is
@@ -40,7 +40,19 @@ def require_room(name: str, images: int, size: tuple[int, int], each: int = BYTE
     Raises:
         ValueError: if they need more than `machine_memory()`.
     """
-    needed, there = images * size[0] * size[1] * each, machine_memory()
-    if needed > there:
-        got = f"{images} images of {size[0]} x {size[1]}, which need {needed / 2**30:.3g} GiB"
-        fail(name, f"a batch that fits into {there / 2**30:.3g} GiB of memory", got)
+    needed = images * size[0] * size[1] * each
+    require_bytes(
+        name, "a batch that fits into", f"{images} images of {size[0]} x {size[1]}", needed
+    )
+
+
+def require_bytes(name: str, expected: str, what: str, needed: float) -> None:
+    """Refuse what needs more bytes than `machine_memory()`.
+
+    Raises:
+        ValueError: "NAME: expected EXPECTED 16 GiB of memory, got WHAT, which need 20 GiB".
+    """
+    if needed > machine_memory():
+        there, needed = machine_memory() / 2**30, needed / 2**30
+        got = f"{what}, which need {needed:.3g} GiB"
+        fail(name, f"{expected} {there:.3g} GiB of memory", got)

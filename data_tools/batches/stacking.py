@@ -14,7 +14,7 @@ from data_tools.batches.decoding import make_piece
 from data_tools.batches.files import PIECE, Pieces
 from data_tools.batches.identity import identify
 from data_tools.batches.indices import to_indices
-from data_tools.batches.memory import require_room
+from data_tools.batches.memory import require_bytes, require_room
 from data_tools.batches.sampling import make_batch
 from data_tools.batches.table import Table
 from data_tools.batches.warps import require_size, widened
@@ -50,7 +50,8 @@ def load(
         progress: whether to show a bar the first time.
 
     Raises:
-        ValueError: naming the argument, or the view that does not fit the others.
+        ValueError: naming the argument, or the view that does not fit the others; if images that
+            are not cached do not fit into memory.
         MakingError: if there is no room for the files.
     """
     if not isinstance(dataset, Dataset) or not len(dataset):
@@ -63,6 +64,10 @@ def load(
     place = None if name is None else root / f"{name}-stack"
     recipe = {"source": recipe, "depth_step": depth_step, "piece": PIECE, "count": len(dataset)}
     pieces = Pieces(place, recipe, partial(make_piece, dataset, depth_step))
+    if place is None:  # all of it stays in memory: as much for each piece as for the first one
+        first = sum(images.nbytes for images in pieces.images(0).values())
+        needed = first * len(dataset) / min(PIECE, len(dataset))
+        require_bytes("dataset", "images that fit into", f"{len(dataset)} images", needed)
     return Stack(pieces, len(dataset), depth_step, progress)
 
 

@@ -93,7 +93,8 @@ def read_depth(path: Path, scale: float) -> np.ndarray:
     image = decode_picture(path, read_bytes(path))
     if image.dtype != np.uint16 or image.ndim != 2:
         raise ValueError(f"{path}: expected one channel of 16 bits, got {describe(image)}")
-    return (image * scale / 1000).astype(np.float32)
+    with np.errstate(over="ignore"):  # what is too far becomes infinite, and no View takes that
+        return (image * scale / 1000).astype(np.float32)
 
 
 def read_mask(path: Path) -> np.ndarray:

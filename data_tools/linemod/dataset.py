@@ -11,6 +11,7 @@
     PATH/models/obj_06.ply, models_info.yml
     PATH/segnet_results/06_label/0012_label.png
 
+Pictures may be PNG, JPEG, TIFF or BMP; a mask is whatever is not black. Models may be OBJ or STL.
 Lists are read when the dataset is opened, the poses of an object when its first image is asked for,
 images when they are asked for.
 """

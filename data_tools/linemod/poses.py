@@ -60,8 +60,8 @@ def read_frames(folder: ObjectFolder, images: list[int], rotations: str) -> dict
     read = _read_yaml_frames if folder.layout == "densefusion" else _read_npy_frames
     frames = read(folder, images, rotations)
     for image, frame in frames.items():
-        for name, values in (("K", frame.K), ("t", frame.t)):
-            if np.abs(values).max() > FARTHEST:
+        for name, values in (("K", frame.K), ("t", frame.t), ("box", frame.box)):
+            if values is not None and np.abs(values).max() > FARTHEST:
                 got = values.tolist()
                 raise ValueError(
                     f"{folder.path}: image {image}: {name}: expected numbers of at most "

@@ -1,8 +1,11 @@
 import pytest
 import torch
 
+from data_tools import batches
 from data_tools.batches import memory
+from data_tools.batches.files import PIECE
 from data_tools.batches.memory import BYTES, machine_memory, require_room
+from tests.data_tools.batches.conftest import Listed, make_view
 
 
 def test_the_machine_has_memory():
@@ -16,6 +19,18 @@ def test_what_fits_and_what_does_not(monkeypatch):
         require_room("rows", 101, (8, 8))
     with pytest.raises(ValueError, match="^rows: "):
         require_room("rows", 100, (8, 8), BYTES + 1)
+
+
+def test_a_dataset_that_does_not_fit(monkeypatch):
+    """It is seen from the first piece, before the others are read."""
+    dataset = Listed([make_view(index) for index in range(PIECE + 1)])
+    monkeypatch.setattr(memory, "machine_memory", lambda: (PIECE + 1) * 24 * 32 * 4)
+    assert len(batches.load(dataset, progress=False)) == PIECE + 1 == dataset.asked
+    dataset.asked = 0
+    monkeypatch.setattr(memory, "machine_memory", lambda: PIECE * 24 * 32 * 4)
+    with pytest.raises(ValueError, match="^dataset: expected images that fit into .* 65 images"):
+        batches.load(dataset, progress=False)
+    assert dataset.asked == PIECE
 
 
 @pytest.mark.parametrize("limit", ["max\n", "", "4096\n", "1" + "0" * 30])

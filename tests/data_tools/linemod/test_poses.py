@@ -220,6 +220,12 @@ def test_numbers_beyond_reason(densefusion, pvnet, own):
     refused(densefusion, "image 0: K: expected numbers of at most")
 
 
+def test_boxes_beyond_reason(densefusion):
+    densefusion.edit("data/01/gt.yml", "- 12\n", "- 1.0e+40\n")
+    with pytest.raises(ValueError, match="data/01: image 12: box: expected numbers of at most"):
+        read_frames(find_objects(densefusion.path)[1], [12], "as_read")
+
+
 def test_files_that_are_not_there(tmp_path):
     with pytest.raises(ValueError, match=r"gt\.yml: no such file"):
         read_yaml(tmp_path / "gt.yml", list)
