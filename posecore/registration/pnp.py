@@ -18,6 +18,8 @@ from posecore.arrays import (
     to_numbers,
 )
 from posecore.cameras import project, require_intrinsics
+from posecore.registration.planar import Pose as _Pose
+from posecore.registration.planar import better, planar_poses
 from posecore.rotations import require_rotation
 
 __all__ = ["PnpResult", "pnp"]
@@ -30,8 +32,6 @@ _SOLVERS = {
 _THIN = 1e-6  # points that spread less across a line than this, relative to along it, are on it
 _FLAT = 1e-2  # flatter than this, EPnP fails once in eight times and more; IPPE works up to here
 _STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-12)
-
-_Pose = tuple[np.ndarray, np.ndarray]  # axis-angle vector and translation, (3, 1) each
 
 
 class PnpResult(NamedTuple):
@@ -77,8 +77,8 @@ def pnp(
     """The pose of an object from points whose pixels are known (Perspective-n-Point).
 
     - "iterative": least reprojection error, by Levenberg-Marquardt from the initial pose if given;
-      else from every solution of SQPnP, of IPPE if the points are flat, and of AP3P if they are
-      four, and the best end counts: few or flat points often fit in two ways.
+      else from every solution of SQPnP, of IPPE for the points moved into one plane, and of AP3P
+      if they are four, and the best end counts: few or nearly flat points often fit in two ways.
     - "sqpnp" (Terzakis & Lourakis 2020), "epnp" (Lepetit et al. 2009), "ippe" for flat targets
       (Collins & Bartoli 2014): the solver's own result, not refined.
     - "ransac": the largest set of points that agrees with one pose to `threshold`, and "iterative"
@@ -161,8 +161,18 @@ def _fit(points: _Points, method: str, start: _Pose | None = None) -> _Pose:
             fail("points_3d", "points in one plane for ippe", "points that are not")
         poses = _solve(points, _SOLVERS[method])
     if method == "iterative":
-        poses = [cv2.solvePnPRefineLM(*points, None, r.copy(), t.copy(), _STOP) for r, t in poses]
+        poses = [_refined(points, pose) for pose in poses]
     errors = [np.square(_errors(points, pose)).sum() for pose in poses]
+    if start is None and method in ("iterative", "ippe"):
+        # Nearly flat points fit twice, and one solver sees one of the two; IPPE of OpenCV errs at
+        # half turns.
+        more = planar_poses(*points)
+        if method == "iterative":
+            more = [_refined(points, pose) for pose in more]
+        for pose in more:
+            error = np.square(_errors(points, pose)).sum()
+            if better(error, min(errors, default=np.inf), len(points.object)):
+                poses, errors = [*poses, pose], [*errors, error]
     if not errors or not np.isfinite(min(errors)):
         fail(
             "points_2d",
@@ -170,6 +180,11 @@ def _fit(points: _Points, method: str, start: _Pose | None = None) -> _Pose:
             f"pixels for which {method} finds no such pose",
         )
     return poses[int(np.argmin(errors))]
+
+
+def _refined(points: _Points, pose: _Pose) -> _Pose:
+    turn, shift = pose
+    return cv2.solvePnPRefineLM(*points, None, turn.copy(), shift.copy(), _STOP)
 
 
 def _solve(points: _Points, flag: int) -> list[_Pose]:

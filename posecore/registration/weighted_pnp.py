@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from posecore.arrays import Array, array_function, fail, to_numbers
+from posecore.registration.planar import better, mirror_pose
 from posecore.registration.pnp import PnpResult, pnp
 
 __all__ = ["uncertainty_pnp"]
@@ -27,9 +28,10 @@ def uncertainty_pnp(points_3d: Array, points_2d: Array, covariances: Array, K: A
 
     Minimises the sum of `e^T Sigma^-1 e`, `e` the way from a pixel to its point's projection, by
     Levenberg-Marquardt over rotation and translation. The start is `pnp` of all points or `pnp` of
-    those that are not ten times as unsure as the fourth surest, whichever fits better. If all
-    covariances are one multiple of the identity, the result is that of `pnp`'s "iterative".
-    Computed in float64; no gradients.
+    those that are not ten times as unsure as the fourth surest, whichever fits better; then once
+    more from its mirror image, since (nearly) flat points fit in two ways. If all covariances are
+    one multiple of the identity, the result is that of `pnp`'s "iterative". Computed in float64; no
+    gradients.
 
     Args:
         points_3d: (N, 3) points of the object, at least four different ones not on one line.
@@ -71,6 +73,11 @@ def uncertainty_pnp(points_3d: Array, points_2d: Array, covariances: Array, K: A
     if not np.isfinite(problem.cost(R, t)):
         fail("points_2d", "the picture of an object in front of the camera", "points behind it")
     R, t = _minimise(problem, R, t)
+    mirrored = mirror_pose(problem.object, R, t), t
+    if np.isfinite(problem.cost(*mirrored)):
+        mirrored = _minimise(problem, *mirrored)
+        if better(problem.cost(*mirrored), problem.cost(R, t), len(X)):
+            R, t = mirrored
     plain = problem.residuals(R, t)
     return PnpResult(
         R=points_3d.new_tensor(R),

@@ -247,3 +247,27 @@ def test_a_start_with_a_point_behind_the_camera_is_refused(monkeypatch):
     )
     with pytest.raises(ValueError, match=r"^points_2d: expected the picture of an object in front"):
         uncertainty_pnp(POINTS, PIXELS, SIGMA, K)
+
+
+@pytest.mark.parametrize("thickness", [0, 0.01, 0.05])
+def test_nearly_flat_points_do_not_end_in_the_mirror_image(thickness):
+    """The start fits plain pixels best, and may lie on the wrong side for the weighted ones."""
+    for seed in range(100):
+        _, _, points, _, rng = case(seed, 8)
+        points = points * [1, 1, thickness]
+        R, t = (
+            Rotation.random(random_state=rng).as_matrix(),
+            np.array([0, 0, rng.uniform(0.5, 1.2)]),
+        )
+        covariances = ellipses(rng, 8)
+        pixels = picture(R, t, points) + drawn(rng, covariances)
+        found = uncertainty_pnp(points, pixels, covariances, K)
+
+        def errors(x, points=points, pixels=pixels, covariances=covariances):
+            turned = Rotation.from_rotvec(x[:3]).as_matrix()
+            return whitened(turned, x[3:], points, pixels, covariances)
+
+        start = np.concatenate([Rotation.from_matrix(R).as_rotvec(), t])
+        best = np.square(least_squares(errors, start, xtol=1e-14).fun).sum()
+        cost = np.square(whitened(found.R, found.t, points, pixels, covariances)).sum()
+        assert cost <= best * (1 + 1e-6), seed
