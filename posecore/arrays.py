@@ -11,13 +11,21 @@ nested lists or tensors:
 A function states the shapes it expects, `@array_function(R="... 3 3", points="... N 3")`, and may
 then rely on them: wrong shapes, empty clouds and values that are not finite have been refused with
 a `ValueError` that names the argument, what was expected and what came.
+
+What came in finite is not looked at again: functions called by one of these check shapes, not
+values, which on a GPU would each time wait for all that goes before. So a function that computes
+what may be no number, a quotient, a square, says so itself (`require_finite`). While PyTorch
+compiles, and under `torch.func`, there are no values to look at, and nothing is refused for them.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
 from typing import Any, NoReturn, TypeVar, cast
 
 import numpy as np
@@ -29,15 +37,21 @@ __all__ = [
     "array_function",
     "fail",
     "require_choice",
+    "require_finite",
     "require_integer",
     "require_number",
     "to_numbers",
+    "trusted",
+    "values_known",
 ]
 
 Array = Tensor | np.ndarray
 """What the functions of posecore take and return: a tensor or a NumPy array."""
 
 F = TypeVar("F", bound=Callable[..., Any])
+_TRUSTED = ContextVar("trusted", default=False)
+_HALF = (torch.float16, torch.bfloat16)
+_AS_IS = contextlib.nullcontext()
 
 
 def fail(name: str, expected: str, got: object) -> NoReturn:
@@ -86,7 +100,7 @@ def require_number(
     except (TypeError, ValueError):
         fail(name, expected, repr(value))
     if (
-        not np.isfinite(number)
+        not math.isfinite(number)
         or (low is not None and number < low)
         or (high is not None and number > high)
         or (above is not None and number <= above)
@@ -103,10 +117,37 @@ def _bounds(low: float | None, high: float | None) -> str:
     return f" of at most {high}" if high is not None else ""
 
 
+@contextlib.contextmanager
+def trusted() -> Iterator[None]:
+    """Within it, values are taken to be finite; shapes are checked all the same.
+
+    For what calls many functions with numbers of its own, such as the forward pass of a network.
+    """
+    token = _TRUSTED.set(True)
+    try:
+        yield
+    finally:
+        _TRUSTED.reset(token)
+
+
+def values_known() -> bool:
+    """Whether tensors have values to look at: not while compiling, nor under `torch.func`."""
+    if torch.compiler.is_compiling():
+        return False
+    return torch._C._functorch.peek_interpreter_stack() is None
+
+
+def require_finite(name: str, values: Tensor, expected: str = "finite values") -> None:
+    """Refuse values that are not finite, where there are any to look at."""
+    if values_known():
+        _check_finite(name, values, expected)
+
+
 def to_numbers(name: str, values: object) -> np.ndarray:
     """Numbers of any kind as a float64 array, for functions that work in NumPy; may be infinite."""
     if isinstance(values, Tensor):
-        values = values.detach().cpu().numpy()
+        values = values.detach().cpu()
+        values = (values.float() if values.dtype == torch.bfloat16 else values).numpy()
     try:
         array = np.asarray(values)
     except ValueError:  # a ragged list
@@ -116,10 +157,13 @@ def to_numbers(name: str, values: object) -> np.ndarray:
     return array.astype(np.float64)
 
 
-def array_function(**shapes: str) -> Callable[[F], F]:
+def array_function(*, keeps_half: bool = False, **shapes: str) -> Callable[[F], F]:
     """Make a function written in PyTorch take NumPy arrays as well, and check its input.
 
     Args:
+        keeps_half: whether tensors of half precision are passed as they are, for what only moves
+            features of a network about; else they become float32, as then does the result: half
+            precision has three digits and can hold no rotation.
         shapes: for each array argument its shape, dimensions separated by blanks: a number is that
             size; a name is any size of at least one, the same wherever the name appears; a leading
             `...` stands for any number of batch dimensions, which must broadcast over the arguments
@@ -142,30 +186,36 @@ def array_function(**shapes: str) -> Callable[[F], F]:
             bound = signature.bind(*args, **kwargs)
             given = {n: bound.arguments[n] for n in specs if n in bound.arguments}
             given = {n: v for n, v in given.items() if v is not None or n not in optional}
-            tensors = _to_tensors(given)
+            tensors = _to_tensors(given, keeps_half)
             _check_shapes(tensors, specs)
-            for name, tensor in tensors.items():
-                _check_finite(name, tensor)
+            checks = values_known()
+            if checks and not _TRUSTED.get():
+                for name, tensor in tensors.items():
+                    _check_finite(name, tensor)
             bound.arguments.update(tensors)
             device = next((tensor.device.type for tensor in tensors.values()), "cpu")
             # The matrix products of autocast have three digits: geometry needs all of them.
-            with torch.autocast(device, enabled=False):
+            with trusted() if checks else _AS_IS, torch.autocast(device, enabled=False):
                 result = function(*bound.args, **bound.kwargs)
             came_as_tensor = any(isinstance(value, Tensor) for value in given.values())
             return result if came_as_tensor else _to_numpy(result)
 
+        # Code of its own: PyTorch's compiler keeps only a few versions of one code.
+        wrapper.__code__ = wrapper.__code__.replace(co_name=function.__name__)
         return cast(F, wrapper)
 
     return decorate
 
 
-def _to_tensors(given: dict[str, Any]) -> dict[str, Tensor]:
+def _to_tensors(given: dict[str, Any], keeps_half: bool) -> dict[str, Tensor]:
     """Tensors of one floating type and on one device; tensors keep their graph."""
     device = next((v.device for v in given.values() if isinstance(v, Tensor)), None)
     tensors = {name: _to_tensor(name, value, device) for name, value in given.items()}
     typed = [n for n, value in given.items() if isinstance(value, Tensor | np.ndarray | np.generic)]
     dtypes = {tensors[name].dtype for name in typed or tensors}
     widest = functools.reduce(torch.promote_types, dtypes) if dtypes else None
+    if widest in _HALF and not keeps_half and any(isinstance(v, Tensor) for v in given.values()):
+        widest = torch.float32
     return {name: tensor.to(widest) for name, tensor in tensors.items()}
 
 
@@ -230,9 +280,7 @@ def _check_shapes(tensors: dict[str, Tensor], specs: dict[str, tuple[str, ...]])
             fail(" and ".join(batches), "batch dimensions that broadcast", listing)
 
 
-def _check_finite(name: str, tensor: Tensor) -> None:
-    if torch.compiler.is_compiling():  # there are no values to look at
-        return
+def _check_finite(name: str, tensor: Tensor, expected: str = "finite values") -> None:
     # The sum is fast and settles almost all cases; it may overflow where no entry does.
     if bool(torch.isfinite(tensor.detach().sum())) or bool(torch.isfinite(tensor).all()):
         return
@@ -240,7 +288,7 @@ def _check_finite(name: str, tensor: Tensor) -> None:
     first = tuple(bad.nonzero()[0].tolist())
     fail(
         name,
-        "finite values",
+        expected,
         f"{int(bad.sum())} of {tensor.numel()} that are not, the first {tensor[first].item()}"
         + (f" at index {first}" if first else ""),
     )

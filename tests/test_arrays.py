@@ -16,9 +16,12 @@ from posecore.arrays import (
     array_function,
     fail,
     require_choice,
+    require_finite,
     require_integer,
     require_number,
     to_numbers,
+    trusted,
+    values_known,
 )
 
 
@@ -185,6 +188,87 @@ def test_a_wrong_declaration_fails_at_once() -> None:
         array_function(y="N")(lambda x: x)
     with pytest.raises(TypeError):
         f()
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_half_precision_is_computed_in_single(dtype: torch.dtype) -> None:
+    a = torch.rand(2, 3, generator=torch.Generator().manual_seed(0)).to(dtype).requires_grad_()
+    out = f(a)
+    assert out.dtype == torch.float32
+    assert torch.equal(out, a.float().sum(-1))
+    out.sum().backward()
+    assert a.grad.dtype == dtype
+    assert f(np.ones((2, 3), np.float32), torch.ones(2, dtype=dtype)).dtype == torch.float32
+
+    @array_function(keeps_half=True, a="... 3")
+    def moved(a: Tensor) -> Tensor:
+        return a.flip(-1)
+
+    assert moved(a).dtype == dtype
+    assert to_numbers("a", a).dtype == np.float64
+
+
+# Values that are trusted ------------------------------------------------------------------------
+
+
+@array_function(x="N")
+def outer(x: Tensor, y: object) -> Tensor:
+    return x.sum() + f(y).sum()
+
+
+def test_what_our_own_functions_call_is_not_looked_at_again() -> None:
+    bad, fine = torch.tensor([[np.nan, 0, 0]]), torch.ones(1, 3)
+    assert np.isnan(outer([1.0], bad))
+    with pytest.raises(ValueError, match="^a: expected shape"):  # shapes are
+        outer([1.0], fine[:, :2])
+    with pytest.raises(ValueError, match="^x: expected finite"):
+        outer([np.nan], fine)
+    with pytest.raises(ValueError, match="^a: expected finite"):  # also after one that failed
+        f(bad)
+
+
+def test_trusted_values_are_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    kept = torch.isfinite
+    monkeypatch.setattr(torch, "isfinite", lambda x: seen.append(x) or kept(x))
+    f(torch.ones(1, 3), torch.ones(1))
+    assert len(seen) == 2
+    with trusted():
+        f(torch.ones(1, 3), torch.ones(1))
+        with trusted():
+            pass
+        f(torch.ones(1, 3))
+        with pytest.raises(ValueError, match="^a: expected shape"):
+            f(torch.ones(1, 2))
+    assert len(seen) == 2
+    f(torch.ones(1, 3))
+    assert len(seen) == 3
+
+
+def test_what_is_computed_is_refused_by_name() -> None:
+    require_finite("depth", torch.ones(3))
+    with pytest.raises(ValueError, match=r"^depth: expected depths, got 1 of 2 .* inf at index"):
+        require_finite("depth", torch.tensor([1, np.inf]), "depths")
+    with trusted(), pytest.raises(ValueError, match="^depth: expected finite values"):
+        require_finite("depth", torch.tensor(np.nan))
+
+
+def test_transforms_see_no_values() -> None:
+    bad = torch.tensor([[np.nan, 0, 0], [1, 2, 3]])
+    assert values_known()
+    for transformed in (
+        torch.func.vmap(lambda x: f(x[None])[0]),
+        torch.func.vmap(lambda x: outer(x, x[None])),
+        torch.compile(f, fullgraph=True, backend="eager"),
+        torch.compile(lambda x: outer(x[0], x), fullgraph=True, backend="eager"),
+    ):
+        assert torch.isnan(transformed(bad)).any()
+    J = torch.func.jacrev(f)(bad[1:])
+    assert J.flatten().tolist() == [1, 1, 1]
+    for transform in (torch.func.vmap, lambda g: torch.compile(g, fullgraph=True, backend="eager")):
+        with pytest.raises(Exception, match="a: expected shape"):  # shapes are known
+            transform(lambda x: f(x[None, :2]))(bad if transform is torch.func.vmap else bad[0])
+    assert values_known()
 
 
 # Shapes ---------------------------------------------------------------------------------------

@@ -391,3 +391,31 @@ def test_bad_input_is_refused_by_name(function: FunctionType, name: str) -> None
     if name in batched and len(batched) > 1:
         many = {key: np.tile(values[key], (3, *(1,) * values[key].ndim)) for key in batched}
         assert complaint(many | {name: many[name][:2]}) == " and ".join(batched)
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16], ids=str)
+@each
+def test_half_precision_is_no_fault(function: FunctionType, dtype: torch.dtype) -> None:
+    """The numbers that it holds, computed in single precision; or refused in the same words."""
+    if function.__qualname__ in OBJECTS:  # networks have a precision of their own
+        return
+    base = inputs(function)
+    halves = {name: torch.from_numpy(value.copy()).to(dtype) for name, value in base.items()}
+
+    def outcome(kind: torch.dtype) -> list | str:
+        try:
+            return parts(call(function, {n: v.to(kind) for n, v in halves.items()}, base))
+        except ValueError as error:
+            return str(error).partition(", got")[0]
+
+    found, expected = outcome(dtype), outcome(torch.float32)
+    assert isinstance(found, str) == isinstance(expected, str), (found, expected)
+    if isinstance(found, str):
+        assert found == expected
+        return
+    for one, other in zip(found, expected, strict=True):
+        if isinstance(one, Tensor) and one.dtype == dtype:  # of those that move features about
+            torch.testing.assert_close(one.float(), other, rtol=2e-2, atol=2e-2)
+        else:
+            assert type(one) is type(other)
+            np.testing.assert_allclose(np.asarray(one), np.asarray(other), rtol=1e-5, atol=1e-5)

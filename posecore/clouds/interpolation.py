@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from posecore.arrays import Array, array_function, fail, require_number
+from posecore.arrays import Array, array_function, fail, require_finite, require_number
 from posecore.clouds.neighbours import nearest_neighbours
 from posecore.clouds.sampling import table, to_indices
 
 __all__ = ["interpolate", "interpolation_weights", "three_nearest_interpolation"]
 
 
-@array_function(points="... N 3", queries="... M 3")
+@array_function(keeps_half=True, points="... N 3", queries="... M 3")
 def interpolation_weights(points: Array, queries: Array, power: float = 2.0) -> tuple[Array, Array]:
     """The three nearest points of every query and the share of each, from the geometry alone.
 
@@ -31,17 +31,19 @@ def interpolation_weights(points: Array, queries: Array, power: float = 2.0) -> 
         last dimension is N where N is smaller than 3.
 
     Raises:
-        ValueError: if `power` is not above 0.
+        ValueError: if `power` is not above 0, or distances are so large that their squares
+            overflow.
     """
     power = require_number("power", power, above=0)
     distances, indices = nearest_neighbours(points, queries, min(3, points.shape[-2]))
+    require_finite("points and queries", distances, "distances whose squares are finite")
     coincident = distances == 0
     ratio = distances[..., :1] / distances.masked_fill(coincident, 1)
     closeness = ratio.pow(power).masked_fill(coincident, 1)
     return indices, closeness / closeness.sum(-1, keepdim=True)
 
 
-@array_function(features="... N C", weights="... M K")
+@array_function(keeps_half=True, features="... N C", weights="... M K")
 def interpolate(features: Array, indices: Array, weights: Array) -> Array:
     """Weighted sums of features: what `interpolation_weights` prepared, applied.
 
@@ -71,7 +73,7 @@ def interpolate(features: Array, indices: Array, weights: Array) -> Array:
     return sums.reshape(*batch, m, features.shape[-1])
 
 
-@array_function(points="... N 3", features="... N C", queries="... M 3")
+@array_function(keeps_half=True, points="... N 3", features="... N C", queries="... M 3")
 def three_nearest_interpolation(
     points: Array, features: Array, queries: Array, power: float = 2.0
 ) -> Array:

@@ -12,7 +12,7 @@ from posecore.clouds.search import at_least_float32, ball_indices, nearest_indic
 __all__ = ["ball_query", "nearest_neighbours"]
 
 
-@array_function(points="... N 3", queries="... M 3")
+@array_function(keeps_half=True, points="... N 3", queries="... M 3")
 def nearest_neighbours(points: Array, queries: Array, k: int = 1) -> tuple[Array, Array]:
     """The `k` nearest points of every query, nearest first, equally near ones in order of index.
 

@@ -65,7 +65,7 @@ def farthest_point_sampling(points: Array, count: int, start: int | str = 0) -> 
     return torch.from_numpy(indices.T.reshape(*batch, count)).to(points.device)
 
 
-@array_function(values="... N C")
+@array_function(keeps_half=True, values="... N C")
 def gather_points(values: Array, indices: Array) -> Array:
     """The rows of `values` at `indices`; gradients flow back to `values`.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from posecore.arrays import Array, array_function, fail
+from posecore.arrays import Array, array_function, fail, require_finite, values_known
 from posecore.rotations import special_procrustes
 
 __all__ = ["Alignment", "umeyama"]
@@ -53,7 +53,8 @@ def umeyama(
     Raises:
         ValueError: if the rotation is not unique: fewer than three pairs of positive weight, the
             points of either cloud on one line or in one spot (to the rounding of their precision),
-            or clouds so mirrored that several rotations fit alike; if a weight is negative.
+            or clouds so mirrored that several rotations fit alike; if a weight is negative; if
+            points are so large that their squares overflow.
     """
     count = source.shape[-2]
     if count < 3:
@@ -69,8 +70,9 @@ def umeyama(
     # Dividing by the number is much faster than multiplying each point by its weight.
     weighted_p = p / count if weights is None else w.mT * p
     H = (q.mT @ weighted_p).double()  # (..., 3, 3)
+    require_finite("source and target", H, "points whose squares are finite")
     R = special_procrustes(H)
-    if not torch.compiler.is_compiling():
+    if values_known():
         _require_unique(R, H, w, p, q, mean_source, mean_target)
 
     scale = torch.ones_like(H[..., 0, 0])
@@ -82,7 +84,7 @@ def umeyama(
 
 
 def _require_weights(weights: Tensor) -> None:
-    if torch.compiler.is_compiling():
+    if not values_known():
         return
     if bool((weights < 0).any()):
         fail("weights", "none negative", float(weights.min()))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from posecore.arrays import Array, array_function, fail
+from posecore.arrays import Array, array_function, fail, values_known
 from posecore.rotations.validity import require_rotation
 
 __all__ = [
@@ -120,7 +120,7 @@ def axis_angle_to_quaternion(axis_angle: Array) -> Array:
         ValueError: if an angle is so large that its square overflows.
     """
     squared = (axis_angle * axis_angle).sum(-1, keepdim=True)
-    if not torch.compiler.is_compiling() and not bool(torch.isfinite(squared).all()):
+    if values_known() and not bool(torch.isfinite(squared).all()):
         fail("axis_angle", "angles whose square is finite", float(axis_angle.abs().max()))
     # 1 - cos(a / 2) = 2 sin^2(a / 4): a function of the squared angle, smooth at 0.
     w = 1 - squared / 8 * _sine_over_angle(squared / 16) ** 2
@@ -210,7 +210,7 @@ def rotation_6d_to_matrix(columns: Array) -> Array:
         _unit("columns", v, "two vectors that are not zero") for v in columns.split(3, -1)
     )
     rest = _without(second, first)
-    if not torch.compiler.is_compiling():
+    if values_known():
         parallel = torch.linalg.vector_norm(rest, dim=-1) <= 8 * torch.finfo(rest.dtype).eps
         if bool(parallel.any()):
             fail("columns", "two vectors that are not parallel", "parallel ones" + _at(parallel))
@@ -239,7 +239,7 @@ def matrix_to_rotation_6d(R: Array) -> Array:
 def _unit(name: str, v: Tensor, expected: str = "quaternions that are not zero") -> Tensor:
     # Largest entry first: the squares of very small or large numbers are 0 or infinite.
     largest = v.detach().abs().amax(-1, keepdim=True)
-    if not torch.compiler.is_compiling() and bool((largest == 0).any()):
+    if values_known() and bool((largest == 0).any()):
         fail(name, expected, "zero" + _at(largest[..., 0] == 0))
     v = v / largest
     return v / torch.linalg.vector_norm(v, dim=-1, keepdim=True)

@@ -52,43 +52,70 @@ def special_procrustes(M: Array) -> Array:
     """
     if M.dtype not in _SWEEPS:
         M = M.float()
-    return _Procrustes.apply(M.reshape(-1, 3, 3)).reshape(M.shape)
+    return _Procrustes.apply(M.reshape(-1, 3, 3))[0].reshape(M.shape)
 
 
 def _full_precision(method: Callable[..., Any]) -> Callable[..., Any]:
     """Switch autocast off: its matrix products have three digits, and a rotation needs all."""
 
     @functools.wraps(method)
-    def wrapper(ctx: Any, tensor: Tensor, *rest: Tensor) -> Any:
-        with torch.autocast(tensor.device.type, enabled=False):
-            return method(ctx, tensor, *rest)
+    def wrapper(*args: Any) -> Any:
+        device = next(arg.device.type for arg in args if isinstance(arg, Tensor))
+        with torch.autocast(device, enabled=False):
+            return method(*args)
 
     return wrapper
 
 
+def _as_one_batch(function: type[torch.autograd.Function], info: Any, dims: Any, *args: Any) -> Any:
+    """What `vmap` makes of a function of batches (n, ...): one longer batch, the same numbers."""
+    size = info.batch_size
+    whole = [
+        arg.expand(size, *arg.shape) if dim is None else arg.movedim(dim, 0)
+        for arg, dim in zip(args, dims, strict=True)
+    ]
+    n = whole[0].shape[1]
+    found = function.apply(*[arg.reshape(-1, *arg.shape[2:]) for arg in whole])
+    if isinstance(found, Tensor):
+        return found.unflatten(0, (size, n)), 0
+    return tuple(part.unflatten(0, (size, n)) for part in found), (0,) * len(found)
+
+
 class _Procrustes(torch.autograd.Function):
+    """R of M, and V and the inverse of the pair sums, which its derivative needs."""
+
     @staticmethod
     @_full_precision
-    def forward(ctx: Any, M: Tensor) -> Tensor:  # (n, 3, 3)
+    def forward(M: Tensor) -> tuple[Tensor, Tensor, Tensor]:  # (n, 3, 3)
         number = torch.finfo(M.dtype)
         size = M.abs().amax((1, 2))
-        solve = _by_lapack if len(M) <= _SMALL_BATCH else _by_jacobi
+        # Jacobi looks at its values for lost columns, and there are none while compiling.
+        small = torch.compiler.is_compiling() or len(M) <= _SMALL_BATCH
+        solve = _by_lapack if small else _by_jacobi
         R, s, V = solve(M / (size + (size == 0))[:, None, None])
         pair_sums = torch.stack([s[:, 1] + s[:, 2], s[:, 0] + s[:, 2], s[:, 0] + s[:, 1]], 1)
         unique = pair_sums > 8 * number.eps * pair_sums[:, 2:]
         inverse = torch.where(unique, 1 / pair_sums, 0)
         inverse /= size.clamp_min(number.tiny / number.eps**2)[:, None]
-        ctx.save_for_backward(M, R, V, inverse)
-        return R
+        return R, V, inverse
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Tensor], output: tuple[Tensor, ...]) -> None:
+        ctx.mark_non_differentiable(*output[1:])
+        ctx.save_for_backward(*inputs, *output)
 
     @staticmethod
     @_full_precision
-    def backward(ctx: Any, grad_R: Tensor) -> Tensor:
+    def backward(ctx: Any, grad_R: Tensor, *_: Tensor) -> Tensor:
         M, R, V, inverse = ctx.saved_tensors
         X = R.mT @ grad_R
         axial = torch.stack([X[:, i, j] - X[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], 1)
         omega = _Solve.apply(axial, M, R, V, inverse)
         return torch.linalg.cross(R, omega[:, None, :].expand_as(R))  # R hat(omega)
+
+    @staticmethod
+    def vmap(info: Any, dims: Any, M: Tensor) -> Any:
+        return _as_one_batch(_Procrustes, info, dims, M)
 
 
 class _Solve(torch.autograd.Function):
@@ -96,12 +123,12 @@ class _Solve(torch.autograd.Function):
 
     @staticmethod
     @_full_precision
-    def forward(
-        ctx: Any, axial: Tensor, M: Tensor, R: Tensor, V: Tensor, inverse: Tensor
-    ) -> Tensor:
-        omega = (V @ (inverse[..., None] * (V.mT @ axial[..., None])))[..., 0]
-        ctx.save_for_backward(M, R, V, inverse, omega)
-        return omega
+    def forward(axial: Tensor, M: Tensor, R: Tensor, V: Tensor, inverse: Tensor) -> Tensor:
+        return (V @ (inverse[..., None] * (V.mT @ axial[..., None])))[..., 0]
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Tensor, ...], output: Tensor) -> None:
+        ctx.save_for_backward(*inputs[1:], output)
 
     @staticmethod
     @_full_precision
@@ -111,6 +138,10 @@ class _Solve(torch.autograd.Function):
         inner = (grad_axial * omega).sum(-1)[:, None, None]
         grad_P = grad_axial[:, :, None] * omega[:, None, :] - inner * torch.eye(3).to(M)
         return grad_axial, R @ grad_P, M @ grad_P.mT, None, None
+
+    @staticmethod
+    def vmap(info: Any, dims: Any, *args: Tensor) -> Any:
+        return _as_one_batch(_Solve, info, dims, *args)
 
 
 def _by_lapack(M: Tensor) -> tuple[Tensor, Tensor, Tensor]:

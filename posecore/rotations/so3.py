@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from posecore.arrays import Array, array_function, fail, require_integer
+from posecore.arrays import Array, array_function, fail, require_integer, values_known
 from posecore.rotations.conversions import quaternion_to_matrix
 from posecore.rotations.procrustes import special_procrustes
 from posecore.rotations.validity import require_rotation
@@ -100,19 +100,25 @@ def mean_rotation(R: Array, weights: Array | None = None) -> Array:
         M = R.mean(-3)
     else:
         largest = weights.amax(-1, keepdim=True)
-        if bool((weights < 0).any()) or bool((largest == 0).any()):
+        if values_known() and bool(((weights < 0) | (largest == 0)).any()):
             fail("weights", "at least 0 and not all 0", f"the smallest {weights.min().item():g}")
         weights = weights / largest
         M = (weights[..., None, None] * R).sum(-3) / weights.sum(-1)[..., None, None]
     mean = special_procrustes(M)
+    if values_known():
+        _require_one_mean(M)
+    return mean
+
+
+def _require_one_mean(M: Tensor) -> None:
     # The best and the second-best rotation differ in tr(R^T M) by twice the last two singular
     # values, with the sign of the determinant: see procrustes.
-    s = torch.linalg.svdvals(M.detach())
-    gap = s[..., 1] + s[..., 2] * torch.linalg.det(M.detach()).sign()
+    M = M.detach().to(torch.promote_types(M.dtype, torch.float32))
+    s = torch.linalg.svdvals(M)
+    gap = s[..., 1] + s[..., 2] * torch.linalg.det(M).sign()
     several = gap < 64 * torch.finfo(s.dtype).eps
     if bool(several.any()):
         fail("R", "rotations with one mean", f"{int(several.sum())} means of several rotations")
-    return mean
 
 
 def random_rotations(

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from posecore.arrays import Array, array_function, fail, require_number
+from posecore.arrays import Array, array_function, fail, require_number, values_known
 
 __all__ = ["is_rotation", "require_rotation", "rotation_defect"]
 
@@ -53,9 +53,9 @@ def require_rotation(name: str, R: Array, tolerance: float = 1e-3) -> None:
         ValueError: says how far off the first such matrix is, and where it stands.
     """
     require_number("tolerance", tolerance, 0)
-    if torch.compiler.is_compiling():  # there are no values to look at
-        return
     matrices = _to_matrices(name, R)
+    if not values_known():
+        return
     with torch.autocast(matrices.device.type, enabled=False):
         defect, determinant = _defect(matrices), _determinant(matrices)
     bad = ~((defect <= tolerance) & (determinant > 0))  # true for NaN as well
