@@ -128,3 +128,15 @@ def test_what_is_refused_before_the_work(three, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"^--data: .*one of the run's objects \[4, 99\], got \[7"):
         estimate(parsed(*there), lambda _: Run(), refuse)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_no_input_is_written_over(three, tmp_path, monkeypatch):
+    monkeypatch.setattr(estimating, "open_source", lambda *_, **__: three)
+    (folder := tmp_path / "run").mkdir()
+    for file in ("run.json", "net.safetensors"):
+        (folder / file).write_text("kept")
+        options = parsed("--output", str(folder / file))
+        options.run = str(folder)
+        with pytest.raises(ValueError, match="^--output: expected a file that the command does"):
+            estimate(options, refuse, refuse)
+        assert (folder / file).read_text() == "kept"

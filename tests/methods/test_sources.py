@@ -3,6 +3,7 @@
 import pytest
 
 import data_tools
+from posecore.methods import sources
 from posecore.methods.sources import open_source
 
 
@@ -32,3 +33,13 @@ def test_a_bar_is_for_terminals(opened, monkeypatch, show, terminal):
 def test_what_is_no_source_is_refused():
     with pytest.raises(ValueError, match="^source: "):
         open_source("nonsense", None, "tiny")
+
+
+def test_odd_units_are_told_of_once(monkeypatch, capsys, three):
+    monkeypatch.setattr(data_tools, "open", lambda *_, **__: three, raising=False)
+    monkeypatch.setattr(sources.units, "of_dataset", lambda _: iter(["700 m away"]))
+    assert open_source("linemod:here", None, None) is three
+    assert capsys.readouterr() == ("", "note: linemod:here: 700 m away\n")
+    open_source("linemod:here", None, None, show=False)
+    open_source("tabletop", "easy", "tiny")
+    assert capsys.readouterr().err == ""

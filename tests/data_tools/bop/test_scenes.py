@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from data_tools.bop.rotations import RotationWarning
-from data_tools.bop.scenes import read_annotations, read_by_id, read_cameras
+from data_tools.bop.scenes import PlaceholderWarning, read_annotations, read_by_id, read_cameras
 
 K = [500.5, 0, 320, 0, 501, 240, 0, 0, 1]
 EYE = np.eye(3).ravel().tolist()
@@ -170,3 +170,34 @@ def test_infos_that_do_not_fit_are_refused(folder, content, message):
     info = write(folder, content, "scene_gt_info.json")
     with pytest.raises(ValueError, match=rf"scene_gt_info\.json: .*{message}"):
         read_annotations(path, info, "project")
+
+
+def test_placeholders_are_known_to_be_none(tmp_path):
+    """Whoever lacks a pose writes -1 everywhere; the poses beside it are read."""
+    pose = {"obj_id": 5, "cam_R_m2c": np.eye(3).ravel().tolist(), "cam_t_m2c": [0, 0, 700]}
+    lost = {"obj_id": 6, "cam_R_m2c": [-1] * 9, "cam_t_m2c": [-1.0] * 3}
+    (tmp_path / "gt.json").write_text(json.dumps({"3": [lost, pose], "4": [pose]}))
+    seen = {"visib_fract": 0.5, "bbox_visib": [0, 0, 1, 1]}
+    infos = {"3": [{"visib_fract": -1, "bbox_visib": [-1] * 4}, seen], "4": [seen]}
+    (tmp_path / "info.json").write_text(json.dumps(infos))
+    with pytest.warns(PlaceholderWarning, match=r"gt.json: 1 of 3 poses are placeholders"):
+        found = read_annotations(tmp_path / "gt.json", tmp_path / "info.json", "project")
+    assert found.known.tolist() == [False, True, True]
+    assert found.rows == {3: range(2), 4: range(2, 3)}  # masks are counted as in the file
+    np.testing.assert_array_equal(found.R[1:], [np.eye(3)] * 2)
+    assert np.isnan(found.box[0]).all() and found.visible_fraction.tolist() == [0, 0.5, 0.5]
+    camera = {
+        "cam_K": [500, 0, 2, 0, 500, 2, 0, 0, 1],
+        "cam_R_w2c": [-1] * 9,
+        "cam_t_w2c": [-1] * 3,
+    }
+    (tmp_path / "camera.json").write_text(json.dumps({"3": camera}))
+    assert read_cameras(tmp_path / "camera.json", "project")[3].T_world_cam is None
+
+
+@pytest.mark.parametrize("key", ["9" * 19, "9" * 5000, "٣", "²"])
+def test_ids_that_fit_nowhere(tmp_path, key):
+    (tmp_path / "gt.json").write_text(json.dumps({key: []}))
+    with pytest.raises(ValueError, match="gt.json: expected ids as keys, got") as caught:
+        read_annotations(tmp_path / "gt.json", None, "project")
+    assert len(str(caught.value)) < 300
