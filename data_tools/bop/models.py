@@ -76,19 +76,17 @@ class ModelInfo:
         set_field(self, "symmetries_continuous", tuple(pairs))
         if len(pairs) + len(discrete) > MOST_SYMMETRIES:
             fail("symmetries", f"at most {MOST_SYMMETRIES}", len(pairs) + len(discrete))
-        lengths = [
-            self.diameter,
-            self.minimum,
-            self.size,
-            discrete[:, :3, 3],
-            *(o for _, o in pairs),
-        ]
-        if not max(np.abs(length).max(initial=0) for length in lengths) < FARTHEST:
-            fail(
-                "diameter, minimum, size and symmetries",
-                f"lengths below {FARTHEST:.0e} m",
-                "others",
+        if not all(
+            np.abs(length).max(initial=0) < FARTHEST
+            for length in (
+                np.array([self.diameter]),
+                self.minimum,
+                self.size,
+                discrete[:, :3, 3],
+                *(offset for _, offset in pairs),
             )
+        ):
+            fail("diameter, minimum, size, symmetries", f"lengths below {FARTHEST:.0e} m", "others")
 
     def symmetries(self, max_step: float = 0.01) -> np.ndarray:
         """All motions that leave the object as it is, rotations about an axis in small steps.
@@ -109,10 +107,10 @@ class ModelInfo:
         """
         max_step = require_number("max_step", max_step, None, 1, above=0)
         count = math.ceil(math.pi / max_step)
-        most = 1 + len(self.symmetries_continuous) * (count - 1)
-        most *= 1 + len(self.symmetries_discrete)
-        if most > MOST_SYMMETRIES:
-            fail("symmetries", f"at most {MOST_SYMMETRIES} motions with steps of {max_step}", most)
+        if (1 + len(self.symmetries_continuous) * (count - 1)) * (
+            1 + len(self.symmetries_discrete)
+        ) > MOST_SYMMETRIES:
+            fail("symmetries", f"at most {MOST_SYMMETRIES} motions", f"more in steps of {max_step}")
         angles = 2 * math.pi / count * np.arange(1, count)
         turns = [np.eye(4)[None]]
         for axis, offset in self.symmetries_continuous:

@@ -210,7 +210,7 @@ def test_symmetries_without_end(tree):
         tree.save()
         with pytest.raises(ValueError, match=r"models_info\.json: object 1: .*at most 10000"):
             Models(tree.path / "models")
-    with pytest.raises(ValueError, match="symmetries: expected at most 10000 motions with steps"):
+    with pytest.raises(ValueError, match="symmetries: expected at most 10000 motions, got more"):
         info(continuous=[([0, 0, 1], [0, 0, 0])]).symmetries(1e-4)
     with pytest.raises(ValueError, match="symmetries: expected at most 10000, got 10001"):
         info(np.tile(np.eye(4), (10_001, 1, 1)))
