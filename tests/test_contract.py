@@ -61,7 +61,8 @@ each_argument = pytest.mark.parametrize(
 # are bytes, indices are whole numbers. Its module's tests show what it refuses.
 ON_THEIR_OWN = {
     *("accuracy", "accuracy_curve", "auc", "average_precision", "average_recall"),
-    *("balanced_mean_angular_error", "match_by_overlap", "mean_absolute_error"),
+    *("balanced_mean_angular_error", "match_by_error", "match_by_overlap", "pair_by_overlap"),
+    "mean_absolute_error",
     *("root_mean_squared_error", "within", "require_intrinsics", "require_rotation", "to_indices"),
     *("RotationHead.decode", "RotationHead.encode", "VectorFieldSystem.estimate"),
     *("VectorFieldSystem.estimate_fields", "field_targets", "vote", "vote_pixels"),

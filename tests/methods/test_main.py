@@ -17,6 +17,14 @@ from posecore.methods.main import main
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.fixture(autouse=True)
+def in_the_foreground():
+    """Where tests run in the background, interrupts are ignored, and by what is started as well."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def test_every_package_is_a_method_and_has_both_commands():
     (folder,) = map(Path, methods.__path__)
     packages = {path.parent.name for path in folder.glob("*/__init__.py")}

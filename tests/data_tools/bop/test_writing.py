@@ -279,7 +279,7 @@ def test_models(world, written):
 def test_a_full_disk_is_named(world, tmp_path, monkeypatch):
     """The system's error for it names no file."""
     stop_after(monkeypatch, 9, OSError(errno.ENOSPC, "No space left on device"))
-    with pytest.raises(OSError, match=f"No space left on device: '{tmp_path / 'a.unfinished'}'"):
+    with pytest.raises(OSError, match=f"No space left on device: '{tmp_path / 'a.unfinished'}/"):
         write_dataset({"test": world.views[:4]}, tmp_path / "a", world.models)
     assert list(tmp_path.iterdir()) == []
 
