@@ -9,6 +9,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+import posecore.loaded  # noqa: F401 - before all others of this package
+
 if TYPE_CHECKING:
     from data_tools.views import Dataset, ModelSet, ObjectView, View, open
 

@@ -14,6 +14,7 @@ from typing import Any
 import data_tools
 from data_tools.storage.records import encode_record
 from data_tools.worlds.world import WorldDataset
+from posecore import loaded
 from posecore.arrays import fail
 from posecore.fingerprint import Closure, changes, closure
 
@@ -41,8 +42,15 @@ def dependencies(
 
     Raises:
         ValueError: if there is no such function, world or split.
+        RuntimeError: if a definition has been edited since this process loaded it: what runs here
+            would be taken for what the file says.
     """
     code = code_of(function, data)
+    if edited := loaded.edited():
+        changed = changes(code_of(function, data, sources=edited).text, code)
+        if changed:
+            names = ", ".join(changed[:3])
+            raise RuntimeError(f"{names}: the source has changed; start Python or the kernel anew")
     worlds: dict[str, dict[str, Any]] = {}
     for source in sorted(set(data)):
         name, _, split = source.partition("/")
@@ -54,16 +62,20 @@ def dependencies(
 
 
 def code_of(
-    function: Callable[..., Any] | str, data: Iterable[str] = (), *, refusals: bool = False
+    function: Callable[..., Any] | str,
+    data: Iterable[str] = (),
+    *,
+    refusals: bool = False,
+    sources: Mapping[str, bytes] | None = None,
 ) -> Closure:
     """The definitions of a function, and, if it opens worlds, of what reads them.
 
     Args:
         function, data: as for `dependencies`.
-        refusals: as for `closure`.
+        refusals, sources: as for `closure`.
     """
     opening = [OPENING] if tuple(data) else []
-    return closure(function, *opening, without=KEEPING, refusals=refusals)
+    return closure(function, *opening, without=KEEPING, refusals=refusals, sources=sources)
 
 
 def open_world(source: str, scale: str) -> WorldDataset:

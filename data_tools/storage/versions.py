@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from posecore import loaded
 from posecore.arrays import fail
 from posecore.fingerprint import PACKAGES, closure, digest
 
@@ -37,10 +38,11 @@ def code_version(*roots: Callable[..., Any] | str) -> str:
         fail("roots", "at least one", "none")
     now = closure(*roots, without=FINDING)
     edited = {name: data for name, (path, data) in _LOADED.items() if _bytes(path) != data}
+    edited |= loaded.edited()
     if edited:
-        loaded = closure(*roots, without=FINDING, sources=edited)
-        if loaded.definitions != now.definitions:
-            names = sorted({name for name, _ in loaded.definitions ^ now.definitions})
+        before = closure(*roots, without=FINDING, sources=edited)
+        if before.definitions != now.definitions:
+            names = sorted({name for name, _ in before.definitions ^ now.definitions})
             raise RuntimeError(
                 f"{', '.join(names[:3])}: the source has changed; start Python or the kernel anew"
             )

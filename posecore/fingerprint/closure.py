@@ -19,6 +19,8 @@ __all__ = ["Closure", "changes", "closure", "digest", "of_source"]
 
 LOOSE = "<module>"
 """The name under which statements of a module count that define nothing."""
+LINKS = "<links>"
+"""The name under which it counts which of several definitions of one name is meant where."""
 
 
 @dataclass
@@ -131,7 +133,8 @@ def changes(kept: str, now: Closure) -> list[str]:
         if (name, code) not in before
     }
     names = {name for name, _ in before ^ after}
-    return sorted(f"{where[name]}.{name}" if name in where else name for name in names)
+    named = names - {LINKS} or names  # which is meant where changes with what they are
+    return sorted(f"{where[name]}.{name}" if where.get(name) else name for name in named)
 
 
 def _hash(text: str, digits: int = 8) -> str:
@@ -154,30 +157,59 @@ class _Walk:
         self.tops, self.refusals, self.without = tops, refusals, without
         # A file is read once in a walk, and again in the next, as it may have been edited.
         self.find = functools.cache(functools.partial(find_module, sources=sources or {}))
+        self.imported_with = functools.cache(self._imported_with)
 
     def run(self, starts: Iterable[tuple[str, str]]) -> Closure:
         result, todo, seen = Closure(), list(starts), set()
+        # Where an error may be answered by something else.
+        guarded: set[tuple[str, str]] = set()
+        answered: set[tuple[str, str]] = set()
+        order: dict[tuple[str, str], list] = {}  # by name and hash, to what it refers
         while todo:
             place = todo.pop()
-            if place in seen:
+            if place in seen and (place in answered or place not in guarded):
                 continue
             seen.add(place)
+            if place in guarded:
+                answered.add(place)
             module = self.find(place[0])
             if module is None:
                 continue
             pieces = _pieces(module, place[1])
             if pieces and place[1] != LOOSE:
-                todo.append((place[0], LOOSE))  # importing the module runs it
+                todo += self.imported_with(place[0])  # importing the module runs it
             for name, nodes in pieces.items():
                 resolve = functools.partial(self.resolve, module)
-                plain = plain_form(nodes, module.package, resolve, self.refusals)
+                plain = plain_form(nodes, module.package, resolve, self.refusals, place in guarded)
+                todo += plain.guarded - guarded
+                guarded |= plain.guarded
                 result.places.setdefault(place, {})[name] = _hash(plain.text)
                 todo += plain.origins - seen
+                order.setdefault((name, _hash(plain.text)), []).append(plain.order)
                 for scale, values in plain.scaled.items():
                     result.scaled.setdefault(scale, []).extend(values)
             for node in _statements(module, place[1]):
                 result.lines.add((module.path, _first_line(node), node.end_lineno or 0))
+        if links := _links(result, order):
+            result.places["", LINKS] = {LINKS: links}
         return result
+
+    def _imported_with(self, name: str) -> list[tuple[str, str]]:
+        """The loose statements of a module, of its packages, and of what these import."""
+        todo, seen = [name], set()
+        while todo:
+            one = todo.pop()
+            if one in seen or not self._ours(one):
+                continue
+            seen.add(one)
+            todo += [one.rpartition(".")[0]] if "." in one else []
+            module = self.find(one)
+            if module is not None:
+                others = [origin for some in module.others.values() for origin in some]
+                for base, name in (*module.imports.values(), *others):
+                    todo += [base, *([f"{base}.{name}"] if name else [])]
+                todo += [*module.stars, *module.whole]
+        return [(one, LOOSE) for one in seen]
 
     def resolve(
         self, module: Module, chain: list[str], local: dict[str, tuple[str, str | None]]
@@ -187,15 +219,23 @@ class _Walk:
         if first in local:
             base, name = local[first]
             return self._imported(base, name, chain)
-        if first in module.definitions:
-            return Found(first, ((module.name, first),), 1)
+        found = None
         if first in module.imports:
-            base, name = module.imports[first]
-            return self._imported(base, name, chain)
-        for base in module.stars:
-            found = self._attribute(base, first) if self._ours(base) else None
-            if found is not None:
-                return Found(found.name, found.origins, 1)
+            found = self._imported(*module.imports[first], chain)
+            more = [self._imported(*o, chain).origins for o in module.others.get(first, ())]
+            found = Found(found.name, (*found.origins, *(o for m in more for o in m)), found.used)
+        if first in module.definitions:
+            own = ((module.name, first), *(found.origins if found else ()))
+            return Found(first, own, 1)
+        if found is not None and not module.stars:
+            return found
+        stars = [self._attribute(b, first) for b in reversed(module.stars) if self._ours(b)]
+        stars = [star for star in stars if star is not None]
+        if stars:
+            every = [*stars, *([found] if found else [])]
+            return Found(stars[0].name, tuple(o for f in every for o in f.origins), 1)
+        if found is not None:
+            return found
         if first in module.doors:
             return self._imported(*module.doors[first], chain)
         return None
@@ -219,8 +259,20 @@ class _Walk:
             base, used = f"{base}.{chain[used]}", used + 1
         # A module by itself: whoever has it can reach all that is in it.
         module = self.find(base)
-        names = module.definitions if module is not None and used == len(chain) else ()
-        return Found(base.rpartition(".")[2], tuple((base, name) for name in names), used)
+        # What is not found, too, may be given by any of it: by `globals()`, or a `__getattr__`.
+        return Found(base.rpartition(".")[2], self._all_of(base) if module else (), used)
+
+    def _all_of(self, base: str, depth: int = 0) -> tuple[tuple[str, str], ...]:
+        """All that is in a module, also what it imports of ours."""
+        module = self.find(base)
+        if module is None:
+            return ()
+        found = [*((base, name) for name in module.definitions), (base, LOOSE)]
+        for there, what in module.imports.values():
+            if self._ours(there):
+                one = self._attribute(there, what) if what is not None else None
+                found += one.origins if one is not None else ()
+        return tuple(dict.fromkeys(found))
 
     def _attribute(self, base: str, name: str, depth: int = 0) -> Found | None:
         """What `base.name` is: a definition, there or where it is imported from."""
@@ -248,6 +300,24 @@ class _Walk:
     def _ours(self, module: str) -> bool:
         is_without = any(f"{module}.".startswith(f"{name}.") for name in self.without)
         return module.partition(".")[0] in self.tops and not is_without
+
+
+def _links(found: Closure, order: dict) -> str:
+    """A hash of which of several definitions of one name each reference means."""
+    own = {place: _hash(str(sorted(hashes.items()))) for place, hashes in found.places.items()}
+    several: dict[str, set[str]] = {}
+    for (_, name), code in own.items():
+        several.setdefault(name, set()).add(code)
+    lines = []
+    for (name, code), orders in order.items():
+        for one in orders:
+            meant = [
+                sorted(own[o] for o in origins if o in own and len(several[o[1]]) > 1)
+                for origins in one
+            ]
+            if any(meant):
+                lines.append(f"{name}:{code}>{[m for m in meant if m]}")
+    return _hash("\n".join(sorted(lines))) if lines else ""
 
 
 def _statements(module: Module, name: str) -> list[ast.stmt]:

@@ -17,6 +17,8 @@ PACKAGES = ("posecore", "data_tools", "book")
 HOME = Path(__file__).resolve().parents[2]
 """The folder they stand in. A notebook's kernel runs elsewhere, and may find another `book`."""
 
+NEVER = {"TYPE_CHECKING", "typing.TYPE_CHECKING", "__name__ == '__main__'"}
+"""Conditions that are false where a module is imported."""
 Origin = tuple[str, str | None]
 """Where a name comes from: a module, and a name in it; None for the module itself."""
 
@@ -31,7 +33,9 @@ class Module:
         definitions: by name, the statements at the top level that give it its value.
         imports: by name, where it comes from.
         doors: the same of imports under `if TYPE_CHECKING`, which a `__getattr__` makes true.
+        others: by name, where else it may come from, under another condition.
         stars: modules of which everything is imported.
+        whole: modules that are imported as such.
         loose: statements that give no name a value, such as a call.
     """
 
@@ -41,6 +45,8 @@ class Module:
     imports: dict[str, Origin] = field(default_factory=dict)
     doors: dict[str, Origin] = field(default_factory=dict)
     stars: list[str] = field(default_factory=list)
+    others: dict[str, list[Origin]] = field(default_factory=dict)
+    whole: list[str] = field(default_factory=list)
     loose: list[ast.stmt] = field(default_factory=list)
 
     @property
@@ -114,12 +120,12 @@ def _spec(top: str) -> ModuleSpec | None:
 def _enter(module: Module, statement: ast.stmt) -> None:
     if isinstance(statement, ast.Import | ast.ImportFrom):
         _enter_import(module, statement, module.imports)
-    elif isinstance(statement, ast.If) and "TYPE_CHECKING" in ast.unparse(statement.test):
-        for inner in ast.walk(statement):
+    elif isinstance(statement, ast.If) and ast.unparse(statement.test) in NEVER:
+        for inner in ast.walk(ast.Module(statement.body, [])):
             if isinstance(inner, ast.Import | ast.ImportFrom):
                 _enter_import(module, inner, module.doors)
-    elif isinstance(statement, ast.If) and "__name__" in ast.unparse(statement.test):
-        pass  # what a script does
+        for inner in statement.orelse:
+            _enter(module, inner)
     elif not _says_nothing(statement):
         # Also inside `if`, `try`, `for` and `with`, which then belong to every name they define.
         for inner in ast.walk(statement):
@@ -128,16 +134,22 @@ def _enter(module: Module, statement: ast.stmt) -> None:
             ):
                 _enter_import(module, inner, module.imports)
         names = _defined(statement) - {"__all__"}
-        for name in names:
+        for name in names - {n for n in module.imports if not _binds(statement, n)}:
             module.definitions.setdefault(name, []).append(statement)
-        if not names and not _assigns_all(statement):
+        # Also what acts on something besides: a loop that fills a table, a draw from a generator.
+        if (not names and not _assigns_all(statement)) or _acts(module, statement, names):
             module.loose.append(statement)
 
 
 def _enter_import(
     module: Module, statement: ast.Import | ast.ImportFrom, imports: dict[str, Origin]
 ) -> None:
-    imports |= origins(statement, module.package)
+    if isinstance(statement, ast.Import):
+        module.whole += [alias.name for alias in statement.names]
+    for name, origin in origins(statement, module.package).items():
+        if imports.get(name, origin) != origin:  # under another condition, perhaps
+            module.others.setdefault(name, []).append(imports[name])
+        imports[name] = origin
     if isinstance(statement, ast.ImportFrom) and statement.names[0].name == "*":
         module.stars.append(imports.pop("*")[0])
 
@@ -160,6 +172,39 @@ def origins(statement: ast.Import | ast.ImportFrom, package: str) -> dict[str, O
     above = package.split(".")[: len(package.split(".")) + 1 - statement.level]
     base = ".".join([*(above if statement.level else []), *filter(None, [statement.module])])
     return {alias.asname or alias.name: (base, alias.name) for alias in statement.names}
+
+
+def _binds(statement: ast.stmt, name: str) -> bool:
+    """Whether a statement gives the name itself a value, and not a part of it."""
+    return any(
+        (isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) and n.name == name)
+        or (
+            isinstance(n, ast.Name)
+            and isinstance(n.ctx, ast.Store)
+            and n.id == name
+            and not (isinstance(statement, ast.AugAssign) and n is statement.target)
+        )
+        for n in ast.walk(statement)
+    )
+
+
+def _acts(module: Module, statement: ast.stmt, names: set[str]) -> bool:
+    """Whether a statement does something besides giving names values: order counts then."""
+    if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return False
+    if any(name in module.imports and not _binds(statement, name) for name in names):
+        return True  # a part of what is imported is changed
+    if any(isinstance(n, ast.Expr | ast.NamedExpr | ast.With) for n in ast.walk(statement)):
+        return True
+    bases: set[str] = set()
+    for call in (node for node in ast.walk(statement) if isinstance(node, ast.Call)):
+        if isinstance(call.func, ast.Attribute):
+            bases |= _bases(call.func)
+        elif getattr(call.func, "id", "") == "next":
+            bases |= {one.id for one in call.args if isinstance(one, ast.Name)}
+    kinds = ast.FunctionDef | ast.ClassDef
+    values = bases & module.definitions.keys() - names
+    return any(not isinstance(module.definitions[name][0], kinds) for name in values)
 
 
 def _says_nothing(statement: ast.stmt) -> bool:

@@ -46,14 +46,20 @@ class Plain:
         text: its plain form.
         origins: (module, name) of the definitions that it refers to.
         scaled: by scale, the plain forms of the numbers that are chosen by it.
+        order: the definitions that each reference may mean, one after the other.
+        guarded: those that are referred to where an error is answered by something else.
     """
 
     text: str
     origins: set[tuple[str, str]] = field(default_factory=set)
     scaled: dict[str, list[str]] = field(default_factory=dict)
+    order: list[tuple[tuple[str, str], ...]] = field(default_factory=list)
+    guarded: set[tuple[str, str]] = field(default_factory=set)
 
 
-def plain_form(nodes: list[ast.AST], package: str, resolve: Resolve, refusals: bool) -> Plain:
+def plain_form(
+    nodes: list[ast.AST], package: str, resolve: Resolve, refusals: bool, answered: bool = False
+) -> Plain:
     """The plain form of statements.
 
     Not in it are comments, docstrings, annotations of arguments, results and variables (those of
@@ -65,16 +71,22 @@ def plain_form(nodes: list[ast.AST], package: str, resolve: Resolve, refusals: b
         package: that relative imports start from.
         resolve: finds what names stand for.
         refusals: whether lines that only refuse count.
+        answered: whether somebody answers an error of this code by something else: then lines that
+            only refuse count, too, but for their words.
     """
-    writer = _Writer(package, resolve, refusals)
+    writer = _Writer(package, resolve, refusals, answered and not refusals)
     text = writer.block(nodes, in_class=False) if nodes else ""
-    return Plain(text, writer.origins, writer.scaled)
+    return Plain(text, writer.origins, writer.scaled, writer.order, writer.guarded)
 
 
 class _Writer:
-    def __init__(self, package: str, resolve: Resolve, refusals: bool) -> None:
+    def __init__(self, package: str, resolve: Resolve, refusals: bool, answered: bool) -> None:
         self.package, self.resolve, self.refusals = package, resolve, refusals
         self.origins: set[tuple[str, str]] = set()
+        self.order: list[tuple[tuple[str, str], ...]] = []
+        self.answered, self.inside = answered, answered
+        self.guarded: set[tuple[str, str]] = set()
+        self.outside: dict[ast.AST, set[str]] = {}
         self.scaled: dict[str, list[str]] = {}
         self.local: set[str] = set()
         self.imports: dict[str, tuple[str, str | None]] = {}
@@ -97,14 +109,22 @@ class _Writer:
             if node.value is None:
                 return ""
             node = ast.copy_location(ast.Assign([node.target], node.value), node)
-        if not self.refusals and _refuses(node):
+        if self.answered and (said := _said(node)):
+            return said  # which error, but not in which words
+        if not self.refusals and not self.answered and _refuses(node):
             return ""
         if isinstance(node, ast.ClassDef):
             head = [node.decorator_list, node.bases, node.keywords]
             return f"class {node.name}{self.write(head)}{self.block(node.body, True)};"
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             return self.function(node)
-        if isinstance(node, ast.Try) and not self.refusals and not _handles(node):
+        if _answers(node):
+            kept, self.inside = self.inside, True
+            text = self.write(node) + ";"
+            self.inside = kept
+            return text
+        counts = self.refusals or self.answered
+        if isinstance(node, ast.Try) and not counts and not _handles(node):
             inside = [*node.body, *node.orelse, *node.finalbody]
             return "".join(self.statement(s) for s in inside)
         return self.write(node) + (";" if isinstance(node, ast.stmt) else "")
@@ -134,6 +154,11 @@ class _Writer:
             return "[" + ",".join(self.write(item) for item in node) + "]"
         if not isinstance(node, ast.AST):
             return repr(node)
+        if node in self.outside:  # what a comprehension goes over first is none of its own scope
+            local, self.local = self.local, self.outside.pop(node)
+            text = self.write(node)
+            self.local = local
+            return text
         if isinstance(node, ast.Name | ast.Attribute) and (text := self.chain(node)):
             return text
         if isinstance(node, ast.Constant):
@@ -148,7 +173,8 @@ class _Writer:
             return self.function(node)
         local = self.local
         if isinstance(node, COMPREHENSIONS):
-            self.local = local | _stored(node)
+            self.outside[node.generators[0].iter] = local
+            self.local = local.union(*(_stored(g.target) for g in node.generators))
         parts = {
             name: self.write(value)
             for name, value in sorted(ast.iter_fields(node))
@@ -172,6 +198,9 @@ class _Writer:
         if found is None:
             return ".".join(names)
         self.origins |= set(found.origins)
+        self.order.append(found.origins)
+        if self.inside:
+            self.guarded |= set(found.origins)
         return ".".join([found.name, *names[found.used :]])
 
     def choose(self, node: ast.AST) -> None:
@@ -206,19 +235,53 @@ def _merged(values: list[ast.expr]) -> list[ast.expr]:
 
 def _refuses(node: ast.AST) -> bool:
     """Whether all that a statement can do is to raise an error."""
+    if isinstance(node, ast.stmt) and _does_more(node):
+        return False
     if isinstance(node, ast.Raise | ast.Assert):
         return True
     if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
         called = node.value.func
         name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
         return bool(REFUSES.match(name))
-    if isinstance(node, ast.If | ast.For | ast.While | ast.With):
+    if isinstance(node, ast.If | ast.For):
         inside = [*node.body, *getattr(node, "orelse", [])]
         return all(_refuses(inner) for inner in inside)
     if isinstance(node, ast.Try):
         inside = [*node.body, *node.orelse, *node.finalbody]
         return all(_refuses(inner) for inner in inside) and not _handles(node)
     return False
+
+
+SIGNALS = {"StopIteration", "StopAsyncIteration", "IndexError", "KeyError", "AttributeError"}
+"""Errors by which Python's own protocols say something."""
+
+
+def _does_more(node: ast.AST) -> bool:
+    """Whether a line that refuses gives a name a value besides, or says something by its error."""
+    for inner in ast.walk(node):
+        if isinstance(inner, ast.NamedExpr | ast.Yield | ast.YieldFrom | ast.Await):
+            return True
+        if isinstance(inner, ast.Raise) and inner.exc is not None:
+            error = inner.exc.func if isinstance(inner.exc, ast.Call) else inner.exc
+            name = error.attr if isinstance(error, ast.Attribute) else getattr(error, "id", "")
+            if name in SIGNALS:
+                return True
+    return False
+
+
+def _answers(node: ast.AST) -> bool:
+    """Whether something else is done where an error comes out of a statement."""
+    if isinstance(node, ast.With):
+        return any("suppress" in ast.unparse(item.context_expr) for item in node.items)
+    return isinstance(node, ast.Try) and _handles(node)
+
+
+def _said(node: ast.AST) -> str:
+    """A line that refuses, without its words."""
+    if isinstance(node, ast.Raise):
+        error = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
+        return f"raise {ast.unparse(error) if error else ''};"
+    return "refuse;" if isinstance(node, ast.Expr) and _refuses(node) else ""
 
 
 def _handles(node: ast.Try) -> bool:
@@ -273,7 +336,9 @@ def _stored(node: ast.AST) -> set[str]:
 def _inside(node: ast.AST) -> Iterator[ast.AST]:
     """A node and all in it that belongs to the same scope."""
     yield node
-    if not isinstance(node, (*SCOPES, ast.ClassDef)):
+    if isinstance(node, COMPREHENSIONS):  # a scope of its own, but for `:=`
+        yield from (n.target for n in ast.walk(node) if isinstance(n, ast.NamedExpr))
+    elif not isinstance(node, (*SCOPES, ast.ClassDef)):
         for child in ast.iter_child_nodes(node):
             yield from _inside(child)
 
