@@ -27,11 +27,26 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+# Threads that wait by spinning take the cores on which others compute: on a busy machine two of
+# them took four times the time of one. Read when torch is loaded.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 # Not the folder of this script, whose `site` and `checks` others could mistake for their own.
 sys.path[0] = str(Path(__file__).resolve().parents[1])
 
 from book.tools.contents import BOOK, Page, find_page, pages  # noqa: E402
 from posecore.scale import SCALES  # noqa: E402
+
+
+def read(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
+    """Open a page in JupyterLab, the index if none is named; nothing is saved unasked."""
+    import subprocess
+
+    from book.tools.reading import command
+
+    words = command(chosen[0] if arguments.pages else None)
+    print("pages that you run are not saved, unless you do it; to stop: Control-C", flush=True)
+    if status := subprocess.run(words, cwd=BOOK.parent).returncode:
+        raise ValueError(f"JupyterLab ended with status {status}")
 
 
 def new(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
@@ -150,7 +165,7 @@ def check(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
 
 
 COMMANDS: tuple[Callable[[Sequence[Page], argparse.Namespace], None], ...] = (
-    *(new, pair, execute, strip, start, train, claims, site, check),
+    *(read, new, pair, execute, strip, start, train, claims, site, check),
 )
 
 

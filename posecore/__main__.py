@@ -4,6 +4,10 @@ import os
 import signal
 import sys
 
+# Threads that wait by spinning take the cores on which others compute: on a busy machine two of
+# them took four times the time of one. Read when torch is loaded.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
 
 def _stop(*_: object) -> None:
     """End at Ctrl-C while libraries are imported, which would make errors of their own of it."""

@@ -22,7 +22,7 @@ __all__ = ["code_of", "dependencies", "open_world", "reasons", "records_digest"]
 
 OPENING = "data_tools.worlds.world:World"
 """What finds the records of any world, and reads them."""
-KEEPING = ("book.tools", "posecore.fingerprint")
+KEEPING = ("book.tools", "posecore.fingerprint", "posecore.loaded")
 """What keeps results and finds them again is no part of them."""
 
 

@@ -13,7 +13,7 @@ from posecore.fingerprint import PACKAGES, closure, digest
 
 __all__ = ["code_version", "remember_sources"]
 
-FINDING = ("posecore.fingerprint",)  # finds definitions, and changes none
+FINDING = ("posecore.fingerprint", "posecore.loaded")  # finds definitions, and changes none
 _LOADED: dict[str, tuple[Path, bytes]] = {}  # sources of loaded modules, as they were at first
 
 

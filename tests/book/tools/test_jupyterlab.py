@@ -13,6 +13,7 @@ from jupytext import TextFileContentsManager
 from nbformat.v4 import new_code_cell, new_output
 from tornado.web import HTTPError
 
+from book.tools import reading
 from book.tools.contents import BOOK, Page
 from book.tools.exercises import generate
 from book.tools.notebooks import (
@@ -262,3 +263,45 @@ def test_exercises_solved_in_jupyterlab_stay_one_notebook(server, project):
     assert nbformat.read(path, as_version=4).metadata.jupytext.formats == "ipynb"
     generate(Page("02_b", exercises=True), book)
     assert path.read_bytes() == before
+
+
+# Reading ------------------------------------------------------------------------------------------
+
+
+def test_the_readers_lab_saves_nothing_unasked(project, tmp_path):
+    """`make.py read`: Lab's own default is to save every two minutes what is open."""
+    runtime = tmp_path / "runtime"
+    words = reading.command(Page("01_a", exercises=False), project / "book")
+    process = subprocess.Popen(
+        [*words, "--no-browser", "--ServerApp.port=0", "--allow-root"],
+        cwd=project,
+        env={**os.environ, "JUPYTER_RUNTIME_DIR": str(runtime), "HOME": str(tmp_path)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        server = _answering(process, runtime)
+        name = "@jupyterlab/docmanager-extension:plugin"
+        address = f"http://127.0.0.1:{server['port']}/lab/api/settings/{name}"
+        call = urllib.request.Request(
+            address, headers={"Authorization": f"token {server['token']}"}
+        )
+        with urllib.request.urlopen(call, timeout=60) as answer:
+            found = json.loads(answer.read())
+        assert found["schema"]["properties"]["autosave"]["default"] is False
+        assert found["settings"] == {}, "the user's own are not touched"
+    finally:
+        process.terminate()
+        process.wait(timeout=60)
+
+
+def test_a_page_that_is_not_there_is_not_read(project):
+    assert reading.command(None, BOOK)[3].endswith("index.ipynb")
+    with pytest.raises(ValueError, match=r"^page: expected one with a notebook, .*02_b\.ipynb"):
+        reading.command(Page("02_b", exercises=False), project / "book")
+
+
+def test_the_readme_reads_by_this_command_and_says_so():
+    text = (BOOK.parent / "README.md").read_text(encoding="utf-8")
+    assert "python book/make.py read\n" in text and "turns off that it saves by itself" in text
+    assert "jupyter lab book" not in text
