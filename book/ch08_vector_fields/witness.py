@@ -7,6 +7,8 @@ votes, PnP, refiner and rules make of true fields with noise.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
@@ -15,7 +17,7 @@ from book.ch08_vector_fields import field_training as training
 from posecore import weights
 from posecore.methods.vector_field.fields import field_targets
 from posecore.methods.vector_field.masked_fields import MaskedFields
-from posecore.methods.vector_field.systems import SYSTEMS, VectorFieldSystem
+from posecore.methods.vector_field.systems import SYSTEMS, Estimate, VectorFieldSystem
 
 __all__ = ["witness_losses", "witness_systems"]
 
@@ -32,6 +34,11 @@ def witness_losses(seed: int) -> dict[str, object]:
     }
     system = VectorFieldSystem(comparison.trained("pixel", seed), training.models())
     for split in comparison.SPLITS:
+        # The whole road of `compare_losses`, with these fields in place of a network's.
+        chosen = comparison.run(_Given(system, split, seed), split)
+        judged = outcomes.outcomes(training.stack(split), comparison._poses(chosen))
+        shares = comparison._shares("given fields", split, judged)
+        found |= {f"shares, {key}": value for key, value in shares.items()}
         views, batch, fields = _noisy_fields(split, seed)
         for fit in ("angles", "lines"):
             system.fit = fit
@@ -69,6 +76,21 @@ def witness_systems(seed: int) -> dict[str, object]:
                 found |= _errors(f"{split}, {name}, own {own}", split, poses)
             found[f"{split}, own {own}, overlap"] = float(sum(one.overlap for one in estimates))
     return found
+
+
+class _Given:
+    """A system that is given noisy fields in place of its network's; of each object also a worse
+    estimate, so that it counts which of two is chosen."""
+
+    def __init__(self, system: VectorFieldSystem, split: str, seed: int) -> None:
+        self.system, self.split, self.seed = system, split, seed
+
+    def estimate(self, images: torch.Tensor, K: torch.Tensor) -> list[Estimate]:
+        """The estimates of the first `VIEWS` views of the split, asked for first."""
+        views, batch, fields = _noisy_fields(self.split, self.seed)
+        good = self.system.estimate_fields(fields, batch["K"])
+        worse = [replace(one, score=one.score / 2, t=2 * one.t) for one in good]
+        return [*worse, *good, *worse] if len(views) == len(images) else []
 
 
 def _noisy_fields(
