@@ -131,6 +131,8 @@ BAD = [
     (["make", "tabletop", "--shard", "0/2"], "--shard: expected i/n"),
     (["make", "tabletop", "--shard", "half"], "--shard: expected i/n"),
     (["make", "tabletop", "--shard", "1/2/3"], "--shard: expected i/n"),
+    (["make", "tabletop", "--shard", "١/٢"], "--shard: expected i/n"),
+    (["make", "tabletop", "--shard", "1/" + "9" * 5000], "--shard: expected i/n"),
     (["make", "tabletop", "--processes", "0"], "processes"),
     (["check", "tabletop", "--split", "x"], "split"),
     (["show", "tables"], "source"),
