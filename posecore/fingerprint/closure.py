@@ -13,7 +13,7 @@ from typing import Any
 
 from posecore.arrays import fail
 from posecore.fingerprint.modules import PACKAGES, Module, find_module
-from posecore.fingerprint.plain import Found, plain_form
+from posecore.fingerprint.plain import Found, Plain, plain_form
 
 __all__ = ["Closure", "changes", "closure", "digest", "of_source"]
 
@@ -164,7 +164,9 @@ class _Walk:
         # Where an error may be answered by something else.
         guarded: set[tuple[str, str]] = set()
         answered: set[tuple[str, str]] = set()
-        order: dict[tuple[str, str], list] = {}  # by name and hash, to what it refers
+        # What each place says, as it is read last: it is read again once it turns out that somebody
+        # answers its errors, and which of two comes first is chance.
+        read: dict[tuple[str, str], list[tuple[str, Plain]]] = {}
         while todo:
             place = todo.pop()
             if place in seen and (place in answered or place not in guarded):
@@ -178,18 +180,23 @@ class _Walk:
             pieces = _pieces(module, place[1])
             if pieces and place[1] != LOOSE:
                 todo += self.imported_with(place[0])  # importing the module runs it
+            read[place] = []
             for name, nodes in pieces.items():
                 resolve = functools.partial(self.resolve, module)
                 plain = plain_form(nodes, module.package, resolve, self.refusals, place in guarded)
+                read[place].append((name, plain))
                 todo += plain.guarded - guarded
                 guarded |= plain.guarded
-                result.places.setdefault(place, {})[name] = _hash(plain.text)
                 todo += plain.origins - seen
+            for node in _statements(module, place[1]):
+                result.lines.add((module.path, _first_line(node), node.end_lineno or 0))
+        order: dict[tuple[str, str], list] = {}  # by name and hash, to what it refers
+        for place in sorted(read):
+            for name, plain in read[place]:
+                result.places.setdefault(place, {})[name] = _hash(plain.text)
                 order.setdefault((name, _hash(plain.text)), []).append(plain.order)
                 for scale, values in plain.scaled.items():
                     result.scaled.setdefault(scale, []).extend(values)
-            for node in _statements(module, place[1]):
-                result.lines.add((module.path, _first_line(node), node.end_lineno or 0))
         if links := _links(result, order):
             result.places["", LINKS] = {LINKS: links}
         return result

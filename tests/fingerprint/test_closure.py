@@ -245,3 +245,24 @@ def test_it_does_not_depend_on_the_folder(house: Path, tmp_path_factory) -> None
 def test_what_is_refused(house: Path, call: Callable[[], object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         call()
+
+
+@pytest.mark.slow
+def test_every_process_finds_the_same() -> None:
+    """Whatever order its sets have."""
+    program = (
+        "from book.tools.dependencies import code_of; import hashlib;"
+        "c = code_of('book.ch08_vector_fields.comparison:compare_systems', ('tabletop/easy',));"
+        "print(c.text, c.numbers('book'))"
+    )
+    answers = {
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env={**os.environ, "PYTHONHASHSEED": str(seed), "PYTHONPATH": str(HOME)},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed in range(5)
+    }
+    assert len(answers) == 1
