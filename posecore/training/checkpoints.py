@@ -36,8 +36,6 @@ class Checkpoints:
         settings: what a run must have in common with the one that it goes on from.
         model: whose weights are kept.
         parts: what else goes on, by name; each has `state_dict` and `load_state_dict`.
-        origins: what it was made from, by name, in words (`origins.origin`); a run that was begun
-            before such words were kept is taken as it is.
         writes: whether `save` does anything; of several processes only one may.
     """
 
@@ -48,14 +46,13 @@ class Checkpoints:
         model: nn.Module,
         parts: Mapping[str, Any],
         *,
-        origins: Mapping[str, str] | None = None,
         writes: bool = True,
     ) -> None:
         if folder is not None and Path(folder).exists() and not Path(folder).is_dir():
             fail("resume", "a folder", f"the file {str(folder)!r}")
         self.folder = None if folder is None else Path(folder)
         self.settings, self.model, self.parts = dict(settings), model, dict(parts)
-        self.origins, self.writes = dict(origins or {}), writes
+        self.writes = writes
 
     def save(self, step: int) -> None:
         """Write the checkpoint after so many steps; those before it stay until it is whole.
@@ -74,11 +71,7 @@ class Checkpoints:
             }
         )
         state = {name: part.state_dict() for name, part in self.parts.items()}
-        state |= {
-            "settings": self.settings,
-            "origins": self.origins,
-            "weights": hashlib.sha256(weights).hexdigest(),
-        }
+        state |= {"settings": self.settings, "weights": hashlib.sha256(weights).hexdigest()}
         buffer = io.BytesIO()
         torch.save(state, buffer)
         data = buffer.getvalue()
@@ -100,8 +93,7 @@ class Checkpoints:
             After how many steps that was; 0 also where there is no checkpoint.
 
         Raises:
-            ValueError: if it belongs to a run with other settings, or made from something else; the
-                message names the first.
+            ValueError: if it belongs to a run with other settings; the message names the first.
         """
         for step in self._steps():
             try:
@@ -110,7 +102,6 @@ class Checkpoints:
                 warnings.warn(f"{error}; training goes on from before it", stacklevel=3)
                 continue
             self._require_same(state["settings"])
-            self._require_same_origins(state.get("origins", {}))
             if step == again_after:
                 break
             try:
@@ -139,13 +130,6 @@ class Checkpoints:
             ours, theirs = self.settings.get(name, "absent"), found.get(name, "absent")
             if ours != theirs:
                 fail("resume", f"a run with {name} {ours}, as now", f"{theirs} in {self.folder}")
-
-    def _require_same_origins(self, found: Mapping[str, str]) -> None:
-        for name, ours in self.origins.items():
-            theirs = found.get(name, ours)
-            if ours != theirs:
-                words = f"one of another that is in {self.folder}; another folder begins anew"
-                fail("resume", f"a run of the same {name}", words)
 
     def _files(self, step: int) -> tuple[Path, Path]:
         return (

@@ -27,7 +27,6 @@ from posecore.training.machine import (
     each_tensor,
     uses_bfloat16,
 )
-from posecore.training.origins import origin
 from posecore.training.randomness import reseed, seeded
 
 __all__ = ["SCHEDULES", "fit"]
@@ -113,8 +112,7 @@ def fit(
         evaluate_every: steps from one to the next; by default only at the end. It is always
             called at the end.
         resume: a folder for checkpoints. A run that was stopped there goes on; a finished one is
-            loaded, or with POSECORE_RETRAIN=1 made again; one of another loss or other data is
-            refused, as far as `origins.origin` can tell them apart. One run at a time.
+            loaded, or with POSECORE_RETRAIN=1 made again. One run at a time.
         save_seconds: from one checkpoint to the next; what a kill, or the stop button, may cost.
         recipe: what else a resumed run must have in common with its beginning, by name; values
             are compared as texts.
@@ -152,15 +150,11 @@ def fit(
         "optimiser": descent, "precision": precision, "channels_last": channels_last,
         "model": model, "loss": loss, **(recipe or {}),
     }  # fmt: skip
-    made_of = {"loss": loss, "batches": batches, "schedule": factor}
 
     with seeded(seed):
         run = {"optimiser": descent, "batches": feed, "history": history}
         writes = processes.rank == 0
-        words = {} if resume is None else {name: origin(value) for name, value in made_of.items()}
-        checkpoints = Checkpoints(
-            resume, _texts(settings), model, run, origins=words, writes=writes
-        )
+        checkpoints = Checkpoints(resume, _texts(settings), model, run, writes=writes)
         start = checkpoints.load(again_after=steps if retrain() else None)
         objective: nn.Module = _Objective(model, loss)
         if processes.count > 1:

@@ -2,8 +2,6 @@
 
 import errno
 import functools
-import hashlib
-import io
 import os
 import random
 import tempfile
@@ -16,7 +14,7 @@ from hypothesis import strategies as st
 from torch import nn
 
 from posecore import files
-from posecore.training import fit, loop, seeded
+from posecore.training import fit, seeded
 from posecore.training.loop import SCHEDULES
 
 X = torch.linspace(-1, 1, 24).reshape(12, 2)
@@ -401,50 +399,6 @@ def test_settings_that_differ_are_named(tmp_path):
         with pytest.raises(ValueError, match=f"^resume: expected a run with {words}"):
             fit(**given)
     assert kept == {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-
-
-def test_another_loss_or_other_data_are_not_the_run_that_was_finished(tmp_path, monkeypatch):
-    def made(weight):
-        def loss(net, batch):
-            return weight * (net(batch["x"]) - batch["y"]).square().mean()
-
-        return loss
-
-    def drawn(generator):
-        rows = torch.randint(len(X), (6,), generator=generator)
-        return {"x": X[rows], "y": Y[rows]}
-
-    items = [{"x": X[i::3], "y": Y[i::3]} for i in range(3)]
-    for number, data in enumerate((drawn, items)):
-        folder = tmp_path / str(number)
-        fit(plain(), data, made(1.0), steps=3, resume=folder)
-        fit(plain(), data, made(1.0), steps=3, resume=folder)
-        with pytest.raises(ValueError, match="^resume: expected a run of the same loss, got"):
-            fit(plain(), data, made(2.0), steps=3, resume=folder)
-        if data is items:
-            data = [*items[:2], {"x": X[2::3], "y": Y[2::3] + 1}]
-        else:
-            monkeypatch.setitem(globals(), "Y", Y + 1)
-        with pytest.raises(ValueError, match="^resume: expected a run of the same batches, got"):
-            fit(plain(), data, made(1.0), steps=3, resume=folder)
-        monkeypatch.undo()
-    options = {"steps": 3, "resume": tmp_path / "2"}
-    fit(plain(), items, loss, schedule=lambda done: 1.0, **options)
-    with pytest.raises(ValueError, match="^resume: expected a run of the same schedule, got"):
-        fit(plain(), items, loss, schedule=lambda done: 0.5, **options)
-
-
-def test_a_run_of_before_it_was_kept_goes_on(tmp_path, monkeypatch):
-    with monkeypatch.context() as before:
-        before.setattr(loop, "origin", lambda value: "")
-        fit(plain(), batches, loss, steps=3, resume=tmp_path)
-    step = tmp_path / "state-00000003.pt"
-    state = torch.load(io.BytesIO(step.read_bytes()[32:]), weights_only=True)
-    del state["origins"]
-    buffer = io.BytesIO()
-    torch.save(state, buffer)
-    step.write_bytes(hashlib.sha256(buffer.getvalue()).digest() + buffer.getvalue())
-    assert fit(plain(), batches, loss, steps=3, resume=tmp_path).steps == 3
 
 
 # What is wrong -----------------------------------------------------------------------------------
