@@ -24,7 +24,7 @@ from posecore.scale import SCALES, scale
 from posecore.training import fit
 from posecore.training.machine import choose_device, launched
 
-__all__ = ["Data", "Job", "add_parser", "integer_option", "open_data"]
+__all__ = ["Data", "Job", "add_parser", "default_split", "integer_option", "open_data"]
 
 
 def add_parser(
@@ -167,7 +167,7 @@ def open_data(options: argparse.Namespace, job: Job, kinds: Mapping[str, str]) -
         ValueError: if there are no such data or objects, or the data lack a kind of images.
     """
     if options.split is None:
-        options.split = _split(options.data)
+        options.split = default_split(options.data)
     dataset = open_source(options.data, options.split, job.scale, show=job.first)
     models, objects = dataset.models(), _objects(options, dataset)
     if options.data.startswith("linemod:"):
@@ -181,7 +181,7 @@ def open_data(options: argparse.Namespace, job: Job, kinds: Mapping[str, str]) -
     return Data(stack, models, objects)
 
 
-def _split(source: str) -> str | None:
+def default_split(source: str) -> str | None:
     """The part that is trained with unless another is asked for; None for all there is."""
     kind, _, path = source.partition(":")
     if (

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 import posecore
 from book.tools import ledger
+from book.tools.dependencies import KEEPING
 from book.tools.keys import Key
 from book.tools.ledger import all_rows, measure, read_ledger, record, require_ledger
 from posecore.fingerprint import closure
@@ -71,7 +72,7 @@ def test_what_is_stored(house: ModuleType, path: Path, monkeypatch: pytest.Monke
     assert entry.pop("values") == {str(seed): texts(due(seed)) for seed in range(3)}
     machine = entry.pop("machine")
     assert f"{os.cpu_count()} cores" in machine and "Python 3." in machine
-    code = closure(house.table, without=("book.tools",))
+    code = closure(house.table, without=KEEPING)
     assert {"table", "shift", "OFFSET", "SIZE", "choose"} <= {name for name, _ in code.definitions}
     assert list(entry.pop("seconds")) == ["0", "1", "2"]
     assert entry == {

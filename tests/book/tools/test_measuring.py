@@ -16,6 +16,7 @@ from safetensors.torch import load_file
 
 from book.tools import measuring
 from book.tools.contents import ROOT, find_page
+from book.tools.dependencies import KEEPING
 from book.tools.ledger import all_rows, read_ledger
 from book.tools.measuring import claims, stale_results, status, train
 from posecore import weights
@@ -222,7 +223,7 @@ def test_checkpoints_hold_what_was_trained_and_how(
     text = net.with_suffix(".json").read_text()
     about = json.loads(text)
     assert text == json.dumps(about, indent=1, sort_keys=True) + "\n"
-    code = closure("folio.ch01_poses.experiments:bigger", without=("book.tools",))
+    code = closure("folio.ch01_poses.experiments:bigger", without=KEEPING)
     other = json.loads(bigger.with_suffix(".json").read_bytes())
     assert other["numbers"] == code.numbers("book") != code.numbers("tiny")
     assert other["definitions"] == code.text
