@@ -8,6 +8,7 @@ The optimiser is Muon, not the paper's Adam, whose loss after 1000 steps it has 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -17,6 +18,7 @@ import data_tools
 from book.tools.checkpoints import resume_folder
 from data_tools import batches
 from posecore.cameras import resize_intrinsics
+from posecore.methods.vector_field.fields import FieldTargets, field_targets
 from posecore.methods.vector_field.learning import Objective, Pool, Windows
 from posecore.methods.vector_field.losses import VectorFieldLoss
 from posecore.methods.vector_field.models import ObjectModel, object_models
@@ -39,6 +41,7 @@ __all__ = [
     "pool",
     "stack",
     "train_net",
+    "true_fields",
     "width",
 ]
 
@@ -74,6 +77,17 @@ def size() -> tuple[int, int]:
 def frames(split: str, views: Tensor) -> batches.Batch:
     """Images of a split in the size that networks look at, and all that is known of them."""
     return stack(split).frames(views, size())
+
+
+def true_fields(batch: batches.Batch, known: Sequence[ObjectModel]) -> FieldTargets:
+    """The field of some objects in images, at all of their pixels, as the ground truth has it."""
+    return field_targets(
+        batch,
+        np.stack([model.keypoints for model in known]),
+        [model.object_id for model in known],
+        [model.symmetries if model.symmetric else None for model in known],
+        None,
+    )
 
 
 def camera(split: str, view: int) -> np.ndarray:

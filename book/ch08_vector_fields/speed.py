@@ -11,7 +11,6 @@ from torch import Tensor
 from book.ch08_vector_fields import comparison
 from book.ch08_vector_fields import field_training as training
 from book.tools.keys import Key
-from posecore.methods.vector_field.fields import field_targets
 from posecore.methods.vector_field.masked_fields import MaskedFields, look_at
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.methods.vector_field.systems import STAGES, VectorFieldSystem
@@ -89,15 +88,7 @@ def _of_an_image(system: VectorFieldSystem, batch: dict[str, Tensor]) -> list[fl
 
 
 def _of_a_larger_image(system: VectorFieldSystem, batch: dict[str, Tensor]) -> list[float]:
-    models = system.models
-    targets = field_targets(
-        batch,
-        np.stack([model.keypoints for model in models]),
-        [model.object_id for model in models],
-        [model.symmetries if model.symmetric else None for model in models],
-        None,
-    )
-    fields = MaskedFields(*targets[1:])
+    fields = MaskedFields(*training.true_fields(batch, system.models)[1:])
     began = time.perf_counter()
     look_at(system.net, batch["rgb"])
     seconds = time.perf_counter() - began

@@ -15,7 +15,6 @@ import torch
 from book.ch08_vector_fields import comparison, outcomes
 from book.ch08_vector_fields import field_training as training
 from posecore import weights
-from posecore.methods.vector_field.fields import field_targets
 from posecore.methods.vector_field.masked_fields import MaskedFields
 from posecore.methods.vector_field.systems import SYSTEMS, Estimate, VectorFieldSystem
 
@@ -99,14 +98,7 @@ def _noisy_fields(
     """Views, their batch, and the true fields of their objects with noise."""
     views = torch.arange(min(VIEWS, len(training.stack(split))))
     batch = training.frames(split, views)
-    models = training.models()
-    targets = field_targets(
-        batch,
-        np.stack([model.keypoints for model in models]),
-        [model.object_id for model in models],
-        [model.symmetries if model.symmetric else None for model in models],
-        None,
-    )
+    targets = training.true_fields(batch, training.models())
     noise = torch.randn(
         targets.vectors.shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float32
     )
