@@ -23,8 +23,8 @@ def test_floors_are_flat_muted_and_seen_from_above(seed, side):
     points = np.random.default_rng(seed).uniform(-side / 2, side / 2, (60, 3)) * [1, 1, 0]
     colour = albedo(floor.materials, np.zeros(60, int), points, 0 * points)
     encoded = colour.astype(float) ** (1 / 2.2)
-    # Of 1000 seeds 37 are above 0.5, the strongest at 0.58.
-    assert max(colorsys.rgb_to_hsv(*rgb)[1] for rgb in encoded) < 0.65
+    # All seeds from 0 to 10 000 were tried, at three sizes: the strongest has 0.578.
+    assert max(colorsys.rgb_to_hsv(*rgb)[1] for rgb in encoded) < 0.6
     assert encoded.mean(1).min() > 0.15
 
 
