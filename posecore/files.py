@@ -4,34 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import hashlib
 import os
 import secrets
 import stat
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["hash_files", "own_stream", "write_bytes"]
-
-
-def hash_files(files: Iterable[tuple[str, Path]]) -> str:
-    """A hash of text files, in their order; line ends do not count, as Git may change them.
-
-    Args:
-        files: what to call each, the same on every machine, and where it lies.
-
-    Returns:
-        16 hexadecimal digits.
-
-    Raises:
-        OSError: if one cannot be read.
-    """
-    digest = hashlib.sha256()
-    for name, path in files:
-        data = path.read_bytes().replace(b"\r\n", b"\n")
-        digest.update(f"{name} {len(data)}\n".encode() + data)
-    return digest.hexdigest()[:16]
+__all__ = ["own_stream", "write_bytes"]
 
 
 def write_bytes(path: Path, data: bytes) -> None:

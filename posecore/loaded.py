@@ -22,12 +22,18 @@ class _Noting:
 
     @staticmethod
     def find_spec(name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        if name.partition(".")[0] in PACKAGES:
+        top = name.partition(".")[0]
+        if top in PACKAGES:
             spec = PathFinder.find_spec(name, path)
-            if spec is not None and (spec.origin or "").endswith(".py"):
-                file = Path(spec.origin or "")
-                SOURCES[name] = file, file.read_bytes()
+            _note(name, None if spec is None else spec.origin)
+            if top in sys.modules and top not in SOURCES:  # loaded before, or by another finder
+                _note(top, sys.modules[top].__file__)
         return None
+
+
+def _note(name: str, file: str | None) -> None:
+    if file is not None and file.endswith(".py"):
+        SOURCES[name] = Path(file), Path(file).read_bytes()
 
 
 def edited() -> dict[str, bytes]:

@@ -1,7 +1,6 @@
 """Writing that cannot leave half a file."""
 
 import errno
-import hashlib
 import os
 import socket
 import subprocess
@@ -11,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from posecore.files import hash_files, write_bytes
+from posecore.files import write_bytes
 
 
 @given(old=st.none() | st.binary(), new=st.binary())
@@ -64,18 +63,6 @@ def test_disk_full_in_the_middle_of_writing(tmp_path):
             write_bytes(path, b"new" * 100_000)
     assert path.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["results.csv"]
-
-
-def test_the_hash_of_files_is_over_names_lengths_and_bytes_but_not_line_ends(tmp_path):
-    one, two = tmp_path / "one", tmp_path / "two"
-    one.write_bytes(b"a\r\nb")
-    two.write_bytes(b"c")
-    expected = hashlib.sha256(b"x 3\na\nby 1\nc").hexdigest()[:16]
-    assert hash_files([("x", one), ("y", two)]) == expected
-    assert hash_files([("y", two), ("x", one)]) != expected
-    assert hash_files([("x", one), ("z", two)]) != expected
-    with pytest.raises(OSError):
-        hash_files([("x", tmp_path / "none")])
 
 
 def test_a_link_stays_a_link(tmp_path):

@@ -32,15 +32,18 @@ from posecore.arrays import fail, require_choice
 from posecore.scale import cache_folder, retrain, scale
 
 __all__ = [
+    "SEED",
     "Training",
     "load_or_train",
     "read_about",
     "resume_folder",
     "stale_weights",
+    "trained",
     "wrong_weights",
 ]
 
 Model = TypeVar("Model", bound=nn.Module)
+SEED = 0  # of torch's own generator, from which layers take their first weights
 
 
 class Training(NamedTuple):
@@ -83,14 +86,19 @@ def load_or_train(chapter: ModuleType, key: str, model: Model) -> Model:
         print(f"{key}: loaded from {path.name}" + (f"; stale: {changed[0]}" if changed else ""))
     else:
         print(f"{key}: {reason}, so it is trained here")
-        with torch.random.fork_rng():
-            torch.manual_seed(0)  # as `book/make.py train` does
-            state = function()
+        state = trained(declared[key])  # as `book/make.py train` does
         try:
             model.load_state_dict(dict(state))
         except (RuntimeError, TypeError, ValueError) as error:
             fail("model", f"one for the weights of {function.__qualname__}", _first_line(error))
     return model.eval()
+
+
+def trained(training: Training) -> Mapping[str, Tensor]:
+    """The weights, with torch's own random numbers as they are in every training."""
+    with torch.random.fork_rng():
+        torch.manual_seed(SEED)
+        return training.function()
 
 
 def resume_folder(function: Callable[..., Any], *details: object, data: Iterable[str] = ()) -> Path:

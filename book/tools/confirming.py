@@ -19,11 +19,11 @@ from typing import Any
 
 import torch
 
-from book.tools.checkpoints import Training, read_about
+from book.tools.checkpoints import Training, read_about, trained
 from book.tools.contents import BOOK, find_page
 from book.tools.dependencies import code_of, dependencies, reasons, records_digest
 from book.tools.ledger import KEPT, Measurement, changing, read_file, require_named
-from book.tools.measuring import declared, import_experiments, shown, trained, write_about
+from book.tools.measuring import declared, import_experiments, shown, write_about
 from book.tools.variables import variables
 from data_tools.storage.locks import file_lock
 from posecore import weights
@@ -97,8 +97,9 @@ def _confirm(
         return f"stale: how it was {made} is not kept"
     function = require_named("function", declared.function)
     names = {"module": function.__module__, "function": function.__qualname__}
-    now = dependencies(function, declared.data, entry["scale"])
-    changed = reasons(entry, now, code_of(function, declared.data))
+    code = code_of(function, declared.data)
+    now = dependencies(function, declared.data, entry["scale"], code)
+    changed = reasons(entry, now, code)
     kept = entry.get("tiny", {})
     here = kept.get("machine") == _machine()
     if not changed:

@@ -1,7 +1,7 @@
 """What a measurement or a training depends on: its definitions, and the datasets it declares.
 
 kept = dependencies(from_images, ("tabletop/train", "tabletop/easy"), "book")
-reasons(kept, dependencies(...))    # ["shading._lambert", "tabletop/easy: its count"]
+reasons(kept, dependencies(...), code_of(...))  # ("shading._lambert", "tabletop: easy count")
 """
 
 from __future__ import annotations
@@ -14,11 +14,18 @@ from typing import Any
 import data_tools
 from data_tools.storage.records import encode_record
 from data_tools.worlds.world import WorldDataset
-from posecore import loaded
 from posecore.arrays import fail
-from posecore.fingerprint import Closure, changes, closure
+from posecore.fingerprint import Closure, changes, closure, closure_as_loaded
 
-__all__ = ["code_of", "dependencies", "open_world", "reasons", "records_digest"]
+__all__ = [
+    "KEEPING",
+    "code_of",
+    "dependencies",
+    "open_world",
+    "reasons",
+    "records_digest",
+    "roots_of",
+]
 
 OPENING = "data_tools.worlds.world:World"
 """What finds the records of any world, and reads them."""
@@ -27,7 +34,10 @@ KEEPING = ("book.tools", "posecore.fingerprint", "posecore.loaded")
 
 
 def dependencies(
-    function: Callable[..., Any] | str, data: Iterable[str], scale: str
+    function: Callable[..., Any] | str,
+    data: Iterable[str],
+    scale: str,
+    code: Closure | None = None,
 ) -> dict[str, Any]:
     """What the result of a function depends on, as JSON can hold it.
 
@@ -35,6 +45,7 @@ def dependencies(
         function: or its name, "module:function".
         data: the datasets that it opens, "world/split".
         scale: at which it runs.
+        code: its `code_of`, where that is known.
 
     Returns:
         "definitions", as `Closure.text`; "numbers", a hash of what is chosen by scale; and "data":
@@ -42,15 +53,9 @@ def dependencies(
 
     Raises:
         ValueError: if there is no such function, world or split.
-        RuntimeError: if a definition has been edited since this process loaded it: what runs here
-            would be taken for what the file says.
+        RuntimeError: as `code_of`.
     """
-    code = code_of(function, data)
-    if edited := loaded.edited():
-        changed = changes(code_of(function, data, sources=edited).text, code)
-        if changed:
-            names = ", ".join(changed[:3])
-            raise RuntimeError(f"{names}: the source has changed; start Python or the kernel anew")
+    code = code_of(function, data) if code is None else code
     worlds: dict[str, dict[str, Any]] = {}
     for source in sorted(set(data)):
         name, _, split = source.partition("/")
@@ -61,21 +66,24 @@ def dependencies(
     return {"definitions": code.text, "numbers": code.numbers(scale), "data": worlds}
 
 
-def code_of(
-    function: Callable[..., Any] | str,
-    data: Iterable[str] = (),
-    *,
-    refusals: bool = False,
-    sources: Mapping[str, bytes] | None = None,
-) -> Closure:
+def code_of(function: Callable[..., Any] | str, data: Iterable[str] = ()) -> Closure:
     """The definitions of a function, and, if it opens worlds, of what reads them.
 
     Args:
         function, data: as for `dependencies`.
-        refusals, sources: as for `closure`.
+
+    Raises:
+        ValueError: if there is no such function.
+        RuntimeError: if a definition has been edited since this process loaded it.
     """
-    opening = [OPENING] if tuple(data) else []
-    return closure(function, *opening, without=KEEPING, refusals=refusals, sources=sources)
+    return closure_as_loaded(*roots_of(function, data), without=KEEPING)
+
+
+def roots_of(
+    function: Callable[..., Any] | str, data: Iterable[str]
+) -> list[Callable[..., Any] | str]:
+    """Where the code of a function begins, and that of reading what it opens."""
+    return [function, *([OPENING] if tuple(data) else [])]
 
 
 def open_world(source: str, scale: str) -> WorldDataset:

@@ -39,9 +39,13 @@ def inputs(nb: NotebookNode, page: Page, book: Path) -> dict[str, Any]:
     Raises:
         ValueError: if a cell is no Python, or a file is damaged.
     """
+    return _inputs(_closure(nb, page, book), page, book)
+
+
+def _inputs(code: Closure, page: Page, book: Path) -> dict[str, Any]:
     shown = pages(book) if page.name == "index" else [page]
     return {
-        "definitions": _closure(nb, page, book).text,
+        "definitions": code.text,
         "claims": _claims(book / one.package / "claims.json" for one in shown),
         "weights": _weights(book / page.package / "weights"),
     }
@@ -58,8 +62,9 @@ def stale_inputs(nb: NotebookNode, page: Page, book: Path) -> tuple[str, ...]:
         return ()
     if not isinstance(kept, dict) or not kept.keys() >= {"claims", "definitions", "weights"}:
         return ("what it was made from is not kept",)
-    now = inputs(nb, page, book)
-    found = changes(kept["definitions"], _closure(nb, page, book))
+    code = _closure(nb, page, book)
+    now = _inputs(code, page, book)
+    found = changes(kept["definitions"], code)
     found += ["claims"] if kept["claims"] != now["claims"] else []
     both = sorted(kept["weights"].keys() | now["weights"].keys())
     found += [f"weights/{n}" for n in both if kept["weights"].get(n) != now["weights"].get(n)]

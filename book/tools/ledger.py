@@ -284,7 +284,7 @@ def stale(conditions: Mapping[str, Any], made: str = "measured") -> tuple[str, .
     except ValueError as error:
         return (str(error) if "no Python" in str(error) else f"{function} is gone",)
     try:
-        return reasons(conditions, dependencies(function, data, conditions["scale"]), code)
+        return reasons(conditions, dependencies(function, data, conditions["scale"], code), code)
     except ValueError as error:  # a world or a split is gone
         return (f"{function}: {error}",)
 

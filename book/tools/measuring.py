@@ -29,7 +29,7 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from book.tools.checkpoints import Training, read_about, stale_weights
+from book.tools.checkpoints import SEED, Training, read_about, stale_weights, trained
 from book.tools.claims import Claim, Row, ledger_table
 from book.tools.contents import BOOK, Page, find_page
 from book.tools.dependencies import dependencies
@@ -50,10 +50,9 @@ from posecore.files import write_bytes
 from posecore.scale import SCALES
 from posecore.scale import scale as scale_in_force
 
-__all__ = ["LARGEST", "SEED", "claims", "declared", "stale_results", "status", "train"]
+__all__ = ["LARGEST", "claims", "declared", "stale_results", "status", "train"]
 
 LARGEST = 2_000_000  # bytes of a checkpoint
-SEED = 0  # of torch's own generator, from which layers take their first weights
 
 
 def claims(page: str, book: Path = BOOK, *, scale: str | None = None) -> list[Row]:
@@ -138,13 +137,6 @@ def about_training(training: Training, scale: str) -> dict[str, Any]:
     function = require_named("function", training.function)
     names = {"module": function.__module__, "function": function.__qualname__}
     return {**names, **dependencies(function, training.data, scale), "scale": scale, "seed": SEED}
-
-
-def trained(training: Training) -> Mapping[str, Tensor]:
-    """The weights, with torch's own random numbers as they are in every training."""
-    with torch.random.fork_rng():
-        torch.manual_seed(SEED)
-        return training.function()
 
 
 def write_about(path: Path, about: Mapping[str, Any]) -> None:

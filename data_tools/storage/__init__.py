@@ -4,7 +4,7 @@ from data_tools.storage.cache import cache_size, clean
 from data_tools.storage.making import MakingError
 from data_tools.storage.shards import DamagedShard
 from data_tools.storage.store import DamageWarning, Store
-from data_tools.storage.versions import code_version, remember_sources
+from data_tools.storage.versions import code_version
 
 __all__ = [
     "DamageWarning",
@@ -14,5 +14,4 @@ __all__ = [
     "cache_size",
     "clean",
     "code_version",
-    "remember_sources",
 ]

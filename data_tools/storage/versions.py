@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-from posecore import loaded
 from posecore.arrays import fail
-from posecore.fingerprint import PACKAGES, closure, digest
+from posecore.fingerprint import closure_as_loaded, digest
 
-__all__ = ["code_version", "remember_sources"]
+__all__ = ["code_version"]
 
 FINDING = ("posecore.fingerprint", "posecore.loaded")  # finds definitions, and changes none
-_LOADED: dict[str, tuple[Path, bytes]] = {}  # sources of loaded modules, as they were at first
 
 
 def code_version(*roots: Callable[..., Any] | str) -> str:
@@ -31,34 +27,9 @@ def code_version(*roots: Callable[..., Any] | str) -> str:
 
     Raises:
         ValueError: if there is none, or one is no function or module with a source.
-        RuntimeError: if a definition was loaded and has been changed since `remember_sources`: what
-            this process makes would be taken for what the new source makes.
+        RuntimeError: if a definition has been edited since it was loaded: what this process makes
+            would be taken for what the new source makes.
     """
     if not roots:
         fail("roots", "at least one", "none")
-    now = closure(*roots, without=FINDING)
-    edited = {name: data for name, (path, data) in _LOADED.items() if _bytes(path) != data}
-    edited |= loaded.edited()
-    if edited:
-        before = closure(*roots, without=FINDING, sources=edited)
-        if before.definitions != now.definitions:
-            names = sorted({name for name, _ in before.definitions ^ now.definitions})
-            raise RuntimeError(
-                f"{', '.join(names[:3])}: the source has changed; start Python or the kernel anew"
-            )
-    return digest(now)
-
-
-def remember_sources(packages: tuple[str, ...] = PACKAGES) -> None:
-    """Keep the sources of the modules that are loaded by now: those that this process will run."""
-    for name, module in list(sys.modules.items()):
-        file = getattr(module, "__file__", None)
-        if name not in _LOADED and file and name.partition(".")[0] in packages:
-            _LOADED[name] = (Path(file), _bytes(Path(file)))
-
-
-def _bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError:  # it is gone
-        return b""
+    return digest(closure_as_loaded(*roots, without=FINDING))

@@ -27,7 +27,7 @@ import numpy as np
 
 from data_tools.bop.models import ModelInfo
 from data_tools.shapes.mesh import Mesh
-from data_tools.storage import Store, code_version, remember_sources
+from data_tools.storage import Store, code_version
 from data_tools.views import Dataset, View
 from posecore.arrays import fail, require_choice
 from posecore.scale import SCALES, scale
@@ -81,10 +81,6 @@ class World:
     models: WorldModels | None = None
     seed: int = 0
     shard_size: int = 16
-
-    def __post_init__(self) -> None:
-        # As early as can be: what is edited from now on is not what this process will run.
-        remember_sources()
 
     def __repr__(self) -> str:
         return f"World({self.name!r}, splits {', '.join(self.splits)})"

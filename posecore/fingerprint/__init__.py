@@ -8,7 +8,23 @@ Nothing is run or imported: files are read. A comment, a docstring, an annotatio
 message or a plain move to another module changes nothing; another number in a body does.
 """
 
-from posecore.fingerprint.closure import Closure, changes, closure, digest, of_source
+from posecore.fingerprint.closure import (
+    Closure,
+    changes,
+    closure,
+    closure_as_loaded,
+    digest,
+    of_source,
+)
 from posecore.fingerprint.modules import HOME, PACKAGES
 
-__all__ = ["HOME", "PACKAGES", "Closure", "changes", "closure", "digest", "of_source"]
+__all__ = [
+    "HOME",
+    "PACKAGES",
+    "Closure",
+    "changes",
+    "closure",
+    "closure_as_loaded",
+    "digest",
+    "of_source",
+]

@@ -18,7 +18,7 @@ import pytest
 import torch
 
 from book.tools.contents import Page, pages
-from book.tools.dependencies import KEEPING, code_of, open_world
+from book.tools.dependencies import KEEPING, open_world, roots_of
 from book.tools.measuring import declared, import_experiments
 from data_tools.worlds.world import WorldDataset
 from posecore.fingerprint import HOME, PACKAGES, Closure, closure
@@ -134,7 +134,12 @@ def test_what_a_measurement_runs_and_opens_is_known(page: Page, name: str, opene
         run()
     worlds = {open_world(source, "tiny").world for source in one.data}
     known = [closure(*world.code, refusals=True) for world in worlds]
-    assert strangers(ran, code_of(one.function, one.data, refusals=True), *known) == []
+    assert (
+        strangers(
+            ran, closure(*roots_of(one.function, one.data), without=KEEPING, refusals=True), *known
+        )
+        == []
+    )
     assert len(ran) > 5
     assert opened == set(one.data)
 

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from data_tools.storage import code_version, remember_sources, versions
+from data_tools.storage import code_version
+from posecore import loaded
 
 FILES = ("__init__.py", "meshes.py", "deep/__init__.py", "deep/noise.py")
 MESHES = '''"""Meshes."""
@@ -39,7 +40,8 @@ def package(tmp_path, monkeypatch):
     (tmp_path / "made_up_module.py").write_text("y = 1\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    monkeypatch.setattr(versions, "_LOADED", {})
+    monkeypatch.setattr(loaded, "PACKAGES", ("made_up_package", "made_up_module"))
+    monkeypatch.setattr(loaded, "SOURCES", {})
     yield tmp_path / "made_up_package"
     for name in [name for name in sys.modules if name.startswith("made_up")]:
         del sys.modules[name]
@@ -105,7 +107,6 @@ def test_a_function_and_its_name_are_one(package):
 def test_code_that_is_no_longer_what_was_loaded(package):
     """What it makes must not be taken for what the new source makes."""
     importlib.import_module("made_up_package.meshes")
-    remember_sources(("made_up_package", "made_up_module"))
     before = code_version("made_up_package", "made_up_module")
     edit(package.parent / "made_up_module.py", "y = 1", "y = 2")
     after = code_version("made_up_package", "made_up_module")
@@ -124,9 +125,8 @@ def test_code_that_is_no_longer_what_was_loaded(package):
 
 def test_what_was_loaded_first_is_remembered(package):
     importlib.import_module("made_up_package.meshes")
-    remember_sources(("made_up_package",))
     edit(package / "meshes.py", "SIDES = 4", "SIDES = 5")
-    remember_sources(("made_up_package",))  # as another world does that is declared later
+    importlib.import_module("made_up_module")  # what is loaded later changes nothing
     with pytest.raises(RuntimeError, match="SIDES"):
         code_version("made_up_package.meshes:mesh")
 
