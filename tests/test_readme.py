@@ -26,7 +26,7 @@ def test_the_example_of_batches_runs():
 
 
 def test_its_commands_exist():
-    from data_tools.__main__ import _parser
+    from data_tools.main import _parser
 
     listed = re.search(r"`python -m data_tools`\s+has (.*?)\. In Python", README, re.S).group(1)
     commands = re.findall(r"`(\w+)`", listed)

@@ -16,7 +16,7 @@ import pytest
 
 from data_tools.bop import RotationWarning, read_results
 from posecore import rotations
-from posecore.__main__ import main
+from posecore.methods.main import main
 from posecore.metrics.evaluation import match
 
 HEADER = "scene_id,im_id,obj_id,score,R,t,time\n"

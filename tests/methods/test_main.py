@@ -127,41 +127,6 @@ def test_an_interrupt_is_one_line(capsys, monkeypatch, error, command):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-@pytest.mark.parametrize("wait", ["import torch", "import data_tools.bop", "parse()", "run("])
-def test_an_interrupt_at_any_time(tmp_path, wait):
-    """While libraries are imported, and later: the signal comes when that line is reached."""
-    code = (ROOT / "posecore" / "__main__.py").read_text()
-    stop = "import signal, sys; signal.raise_signal(signal.SIGINT)"
-    if wait.startswith("import"):
-        hook = f"""
-import importlib.abc, signal, sys
-class Finder(importlib.abc.MetaPathFinder):
-    def find_spec(self, name, path, target=None):
-        if name == {wait.split()[1]!r}:
-            try:
-                signal.raise_signal(signal.SIGINT)
-            except KeyboardInterrupt:
-                raise ImportError("as some libraries do")
-sys.meta_path.insert(0, Finder())
-"""
-        code = code.replace("if STARTED and LISTENS:", f"exec({hook!r})\nif STARTED and LISTENS:")
-    else:
-        code = code.replace(f" = {wait}", f" = (exec({stop!r}), {wait}", 1)
-        code = code.replace("parse()\n", "parse())[1]\n") if wait == "parse()" else code
-        code = code.replace("run(options)\n", "run(options))[1]\n") if wait == "run(" else code
-        if wait == "run(":  # the handler of Python itself is in force there for a moment
-            code = code.replace("signal.default_int_handler)\n    status", "_stop)\n    status")
-    (tmp_path / "started.py").write_text(code)
-    done = subprocess.run(
-        [sys.executable, "started.py", "evaluate", "est.csv", "gt.csv"],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])},
-        capture_output=True,
-        text=True,
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
-
-
 def test_not_enough_memory_is_one_line(capsys, monkeypatch):
     def broken(*_, **__):
         raise MemoryError

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from data_tools.bop import write_results
-from posecore.__main__ import main
+from posecore.methods.main import main
 from posecore.metrics import PoseTable, evaluation
 from posecore.metrics.report import summarise
 from tests.metrics.bop_loop import average_recall

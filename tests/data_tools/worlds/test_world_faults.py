@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import data_tools
-from data_tools.__main__ import main
+from data_tools.main import main
 from data_tools.storage import DamageWarning
 from data_tools.worlds import tabletop
 from data_tools.worlds.world import Size

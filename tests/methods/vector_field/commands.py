@@ -1,6 +1,6 @@
 """The words of `train vector_field` and `estimate vector_field`, and what they leave behind."""
 
-from posecore.__main__ import main
+from posecore.methods.main import main
 
 WEIGHTS = ("net.safetensors", "refiner.safetensors")
 TRAINING = ["--objects", "1", "3", "--steps", "12", "--refiner-steps", "6"]

@@ -2,8 +2,8 @@
 
 import pytest
 
-from data_tools.__main__ import main as data_main
-from posecore.__main__ import main
+from data_tools.main import main as data_main
+from posecore.methods.main import main
 from tests.methods.vector_field.commands import train_words
 
 

@@ -6,7 +6,7 @@ import pytest
 
 import data_tools
 from data_tools.bop import read_results
-from posecore.__main__ import main
+from posecore.methods.main import main
 from posecore.methods.vector_field.runs import read_run
 from tests.methods.vector_field.commands import estimate_words
 

@@ -9,7 +9,7 @@ import pytest
 
 import data_tools
 from data_tools.bop import read_results
-from posecore.__main__ import main
+from posecore.methods.main import main
 from posecore.methods.vector_field.systems import STAGES, Estimate, VectorFieldSystem
 from tests.methods.vector_field.commands import estimate_words, refused
 

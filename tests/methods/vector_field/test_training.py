@@ -14,7 +14,7 @@ import safetensors.torch
 
 import data_tools
 from data_tools.bop import read_results
-from posecore.__main__ import main
+from posecore.methods.main import main
 from posecore.methods import training as every_training
 from posecore.methods.vector_field import frozen_fields, training
 from posecore.methods.vector_field.learning import Objective, Pool, Windows
@@ -107,7 +107,7 @@ def test_the_loss_that_was_asked_for(source, tmp_path, monkeypatch):
 
 KILLED = """
 import functools, os, signal, sys
-from posecore.__main__ import main
+from posecore.methods.main import main
 from posecore.methods import training as every_training
 from posecore.methods.vector_field import training
 every_training.fit = functools.partial(every_training.fit, save_seconds=0)

@@ -1,0 +1,92 @@
+"""From the first import to the end of Python: whenever Ctrl-C comes, one line and status 130."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+COMMAND = """
+import atexit, signal
+def stop():
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt:
+        raise ImportError("as some libraries do")
+def at(moment):
+    if moment == {moment!r}:
+        stop()
+at("import")
+def parse():
+    at("parse")
+    return 3
+def run(options):
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    atexit.register(at, "end")
+    return options
+"""
+
+FINDER = """
+import importlib.abc, runpy, signal, sys
+class Finder(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name == {library!r}:
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt:
+                raise ImportError("as some libraries do")
+sys.meta_path.insert(0, Finder())
+runpy.run_module(sys.argv.pop(1), run_name="__main__", alter_sys=True)
+"""
+
+
+def python(*words, cwd=None):
+    done = subprocess.run(
+        [sys.executable, *words],
+        cwd=cwd,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("moment", ["import", "parse", "end"])
+def test_an_interrupt_before_and_after_the_command(tmp_path, moment):
+    (tmp_path / "command.py").write_text(COMMAND.format(moment=moment))
+    start = ["-c", "from posecore.command_line import start; start('command')"]
+    assert python(*start, cwd=tmp_path) == (130, "", "interrupted\n")
+
+
+def test_the_status_is_what_the_command_returns(tmp_path):
+    (tmp_path / "command.py").write_text(COMMAND.format(moment="never"))
+    start = ["-c", "from posecore.command_line import start; start('command')"]
+    assert python(*start, cwd=tmp_path) == (3, "", "")
+
+
+def test_who_ignores_interrupts_goes_on(tmp_path):
+    """As what a shell starts in the background."""
+    module = COMMAND.format(moment="import").replace("    assert signal", "    0 and signal")
+    (tmp_path / "command.py").write_text(module)
+    ignore = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+    start = f"{ignore}from posecore.command_line import start; start('command')"
+    assert python("-c", start, cwd=tmp_path) == (3, "", "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("library", "words"),
+    [
+        ("torch", ["posecore", "evaluate", "est.csv", "gt.csv"]),
+        ("data_tools.bop", ["posecore", "evaluate", "est.csv", "gt.csv"]),
+        ("posecore.methods.vector_field", ["posecore", "train", "vector_field"]),
+        ("numpy", ["data_tools", "make", "tabletop"]),
+    ],
+)
+def test_an_interrupt_while_libraries_are_imported(tmp_path, library, words):
+    code = FINDER.format(library=library)
+    assert python("-c", code, *words, cwd=tmp_path) == (130, "", "interrupted\n")
