@@ -14,8 +14,8 @@ import safetensors.torch
 
 import data_tools
 from data_tools.bop import read_results
-from posecore.methods.main import main
 from posecore.methods import training as every_training
+from posecore.methods.main import main
 from posecore.methods.vector_field import frozen_fields, training
 from posecore.methods.vector_field.learning import Objective, Pool, Windows
 from posecore.methods.vector_field.masked_fields import look_at
