@@ -37,6 +37,7 @@ class Module:
         stars: modules of which everything is imported.
         whole: modules that are imported as such.
         loose: statements that give no name a value, such as a call.
+        forms: what walks have read in it, and in which modules they looked meanwhile, for the next.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Module:
     others: dict[str, list[Origin]] = field(default_factory=dict)
     whole: list[str] = field(default_factory=list)
     loose: list[ast.stmt] = field(default_factory=list)
+    forms: dict[tuple, tuple[dict[str, Module | None], list]] = field(default_factory=dict)
 
     @property
     def package(self) -> str:
@@ -134,7 +136,8 @@ def _enter(module: Module, statement: ast.stmt) -> None:
             ):
                 _enter_import(module, inner, module.imports)
         names = _defined(statement) - {"__all__"}
-        for name in names - {n for n in module.imports if not _binds(statement, n)}:
+        parts = {n for n in names & module.imports.keys() if not _binds(statement, n)}
+        for name in names - parts:
             module.definitions.setdefault(name, []).append(statement)
         # Also what acts on something besides: a loop that fills a table, a draw from a generator.
         if (not names and not _assigns_all(statement)) or _acts(module, statement, names):

@@ -235,21 +235,20 @@ def _merged(values: list[ast.expr]) -> list[ast.expr]:
 
 def _refuses(node: ast.AST) -> bool:
     """Whether all that a statement can do is to raise an error."""
-    if isinstance(node, ast.stmt) and _does_more(node):
-        return False
     if isinstance(node, ast.Raise | ast.Assert):
-        return True
-    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+        only = True
+    elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
         called = node.value.func
         name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
-        return bool(REFUSES.match(name))
-    if isinstance(node, ast.If | ast.For):
-        inside = [*node.body, *getattr(node, "orelse", [])]
-        return all(_refuses(inner) for inner in inside)
-    if isinstance(node, ast.Try):
+        only = bool(REFUSES.match(name))
+    elif isinstance(node, ast.If | ast.For):
+        only = all(_refuses(inner) for inner in [*node.body, *node.orelse])
+    elif isinstance(node, ast.Try):
         inside = [*node.body, *node.orelse, *node.finalbody]
-        return all(_refuses(inner) for inner in inside) and not _handles(node)
-    return False
+        only = all(_refuses(inner) for inner in inside) and not _handles(node)
+    else:
+        only = False
+    return only and not _does_more(node)  # last, as it looks at all that is inside
 
 
 SIGNALS = {"StopIteration", "StopAsyncIteration", "IndexError", "KeyError", "AttributeError"}

@@ -72,12 +72,18 @@ class Walk:
     ) -> None:
         self.tops, self.refusals, self.without = tops, refusals, without
         # A file is read once in a walk, and again in the next, as it may have been edited.
-        self.find = functools.cache(functools.partial(find_module, sources=sources or {}))
-        self.imported_with = functools.cache(self._imported_with)
+        self.module = functools.cache(functools.partial(find_module, sources=sources or {}))
+        self.looked: dict[str, Module | None] = {}
+
+    def find(self, name: str) -> Module | None:
+        """The module of this name; that somebody looked into it is noted."""
+        found = self.looked[name] = self.module(name)
+        return found
 
     def run(self, starts: Iterable[tuple[str, str]]) -> Closure:
         """All that is reached from some definitions, each (module, name)."""
         result, todo, seen = Closure(), list(starts), set()
+        imported: set[str] = set()
         # Where an error may be answered by something else.
         guarded: set[tuple[str, str]] = set()
         answered: set[tuple[str, str]] = set()
@@ -94,14 +100,10 @@ class Walk:
             module = self.find(place[0])
             if module is None:
                 continue
-            pieces = _pieces(module, place[1])
-            if pieces and place[1] != LOOSE:
-                todo += self.imported_with(place[0])  # importing the module runs it
-            read[place] = []
-            for name, nodes in pieces.items():
-                resolve = functools.partial(self.resolve, module)
-                plain = plain_form(nodes, module.package, resolve, self.refusals, place in guarded)
-                read[place].append((name, plain))
+            read[place] = self._forms(module, place[1], place in guarded)
+            if read[place] and place[1] != LOOSE:
+                todo += self._imported_with(place[0], imported)  # importing the module runs it
+            for _, plain in read[place]:
                 todo += plain.guarded - guarded
                 guarded |= plain.guarded
                 todo += plain.origins - seen
@@ -118,14 +120,39 @@ class Walk:
             result.places["", LINKS] = {LINKS: links}
         return result
 
-    def _imported_with(self, name: str) -> list[tuple[str, str]]:
-        """The loose statements of a module, of its packages, and of what these import."""
-        todo, seen = [name], set()
+    def _forms(self, module: Module, name: str, answered: bool) -> list[tuple[str, Plain]]:
+        """The plain forms of a definition, by name; of a class each method by itself.
+
+        Many closures meet the same definitions: what an earlier walk read counts as long as each
+        module into which it looked is the one of today.
+        """
+        key = (name, answered, frozenset(self.tops), self.without, self.refusals)
+        looked, forms = module.forms.get(key, ({}, None))
+        if forms is not None and all(self.module(n) is found for n, found in looked.items()):
+            return forms
+        self.looked = {}
+        resolve = functools.partial(self.resolve, module)
+        forms = [
+            (piece, plain_form(nodes, module.package, resolve, self.refusals, answered))
+            for piece, nodes in _pieces(module, name).items()
+        ]
+        module.forms[key] = self.looked, forms
+        return forms
+
+    def _imported_with(self, name: str, before: set[str]) -> list[tuple[str, str]]:
+        """The loose statements of a module, of its packages, and of what these import.
+
+        Args:
+            name: of the module.
+            before: the modules that were imported before and are left out; these join them.
+        """
+        todo, found = [name], []
         while todo:
             one = todo.pop()
-            if one in seen or not self._ours(one):
+            if one in before or not self._ours(one):
                 continue
-            seen.add(one)
+            before.add(one)
+            found.append((one, LOOSE))
             todo += [one.rpartition(".")[0]] if "." in one else []
             module = self.find(one)
             if module is not None:
@@ -133,7 +160,7 @@ class Walk:
                 for base, name in (*module.imports.values(), *others):
                     todo += [base, *([f"{base}.{name}"] if name else [])]
                 todo += [*module.stars, *module.whole]
-        return [(one, LOOSE) for one in seen]
+        return found
 
     def resolve(
         self, module: Module, chain: list[str], local: dict[str, tuple[str, str | None]]
