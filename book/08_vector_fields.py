@@ -46,7 +46,7 @@ draw.question(crowd, behind.mask, behind.full_mask, hidden)
 #
 # | | you build | the library has it as |
 # |---|---|---|
-# | 1 | a point from two directions, from a hundred, and from many that are wrong | `papers.vector_field.voting` |
+# | 1 | a point from two directions, from a hundred, and from many that are wrong | `methods.vector_field.voting` |
 # | 2 | nine keypoints, and the field that points at them | `keypoints`, `fields` |
 # | 3 | PVNet's loss and the paper's, and what their gradients do | `losses` |
 # | 4 | the network, with arrows only where they count | `network`, `nets.resnet` |
@@ -60,7 +60,7 @@ draw.question(crowd, behind.mask, behind.full_mask, hidden)
 # You need chapter 1's cameras, PnP, ADD and ADD-S. Everything on this page runs in a few minutes.
 
 # %%
-torch.set_num_threads(2)
+torch.set_num_threads(choose(tiny=1, book=2, paper=2))  # a test at tiny has one core
 print("This page runs at scale:", scale())
 
 # %% [markdown]

@@ -7,6 +7,7 @@ from pathlib import Path
 # The cores are shared by the processes of one run; what they start, and torch, must know before.
 SHARE = max(1, (os.cpu_count() or 1) // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
 os.environ["OMP_NUM_THREADS"] = str(SHARE)
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # as make.py has it
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
