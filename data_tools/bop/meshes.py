@@ -6,6 +6,7 @@ are, in number and order. STL has no vertices but corners of triangles: equal on
 
 from __future__ import annotations
 
+import codecs
 import io
 from itertools import pairwise
 from pathlib import Path
@@ -57,7 +58,9 @@ def _read_obj(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray]:
 
     Read here, since trimesh splits vertices by texture and normal, and lets "v 1 2" pass.
     """
-    lines = data.decode("ascii", "replace").replace("\\\r\n", " ").replace("\\\n", " ").split("\n")
+    text = data.removeprefix(codecs.BOM_UTF8).decode("ascii", "replace")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")  # lines end as on any system
+    lines = text.replace("\\\n", " ").split("\n")
     vertices, triangles = [], []
     for number, line in enumerate(lines, 1):
         words = line.split()
@@ -90,7 +93,7 @@ def _read_stl(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and triangles of an STL file, binary or text; equal corners become one vertex."""
     announced = int.from_bytes(data[80:84], "little")
     binary = len(data) == 84 + TRIANGLE * announced
-    words = [] if binary else data.split()
+    words = [] if binary else data.lower().split()
     if not binary:
         if words[:1] != [b"solid"] or b"\0" in data:
             raise ValueError(

@@ -34,14 +34,24 @@ def write(folder, name, content):
     return path
 
 
-@pytest.mark.parametrize("change", [str, lambda text: text.replace("\n", "\r\n"), str.rstrip])
+CHANGES = {
+    "as it is": str,
+    "lines of Windows": lambda text: text.replace("\n", "\r\n"),
+    "lines of old Macs": lambda text: text.replace("\n", "\r"),
+    "no last line end": str.rstrip,
+    "a mark that says UTF-8": lambda text: "\ufeff" + text.partition("\n")[2],
+    "a mark before a vertex": lambda text: "\ufeff" + text[text.index("v 0 0 0") :],
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 def test_vertices_of_obj_stay_as_they_are(tmp_path, change):
     """trimesh by itself gives two meshes here, and more vertices than the file has."""
     mesh = read_mesh(write(tmp_path, "mesh.obj", change(OBJ)))
     expected = np.array([[0, 0, 0], [100, 0, 0], [100, 50.5, 0], [0, 50.5, -10], [7, 7, 7]])
     np.testing.assert_array_equal(mesh.vertices, expected / 1000)
     np.testing.assert_array_equal(mesh.faces, FACES)
-    latin = write(tmp_path, "MESH.OBJ", change(OBJ).encode("latin-1"))
+    latin = write(tmp_path, "MESH.OBJ", change(OBJ).encode("latin-1", "ignore"))
     np.testing.assert_array_equal(read_mesh(latin).faces, FACES)
 
 
@@ -68,6 +78,11 @@ def test_corners_of_stl_become_vertices(tmp_path, kind):
 def test_a_binary_stl_whose_title_says_solid(tmp_path):
     content = b"solid cube".ljust(80) + BOX.export(file_type="stl")[80:]
     assert len(read_mesh(write(tmp_path, "mesh.stl", content)).faces) == 12
+
+
+def test_a_text_stl_in_capitals(tmp_path):
+    content = BOX.export(file_type="stl_ascii").upper()
+    assert len(read_mesh(write(tmp_path, "mesh.stl", content)).vertices) == 8
 
 
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
