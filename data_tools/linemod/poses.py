@@ -210,10 +210,15 @@ def read_yaml(path: Path, kind: type) -> dict[int, Any]:
 
 
 def _check_depth(data: bytes) -> None:
-    """Refuse what is nested so deeply that the parser in C would end the whole process."""
+    """Refuse what is nested so deeply that the parser in C would end the whole process.
+
+    A level costs a bracket, a mark in one line with others, or at least half a blank of the line's
+    indentation, as a list may stand right under the key that it belongs to.
+    """
     marks = np.frombuffer(data, np.uint8)
     opened, closed = (np.isin(marks, list(pair)).cumsum() for pair in (b"[{", b"]}"))
-    if np.max(opened - closed) > DEEPEST or re.search(rb"(?:[-?] +){%d}" % DEEPEST, data):
+    in_lines = re.search(rb"(?:[-?] +){%d}|(?:^|\r) {%d}" % (DEEPEST, DEEPEST), data, re.MULTILINE)
+    if np.max(opened - closed) > DEEPEST or in_lines:
         raise ValueError(f"nested more than {DEEPEST} deep")
 
 

@@ -93,6 +93,8 @@ def test_numbers_with_exponents(tmp_path, text):
         ("{0: [" + "{\n[" * 60, "damaged YAML: nested more than 100 deep"),
         ("- " * 100000 + "1", "damaged YAML: nested more than 100 deep"),
         ("? " * 100000 + "1", "damaged YAML: nested more than 100 deep"),
+        ("\n".join(" " * i + "0:" for i in range(1500)), "damaged YAML: nested more than 100 deep"),
+        ("\r".join(" " * i + "-" for i in range(1500)), "damaged YAML: nested more than 100 deep"),
     ],
 )
 def test_bad_yaml_is_refused(tmp_path, text, message):
