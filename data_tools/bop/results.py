@@ -18,8 +18,9 @@ from typing import NoReturn
 
 import numpy as np
 
-from data_tools.bop.files import read_bytes
+from data_tools.bop.files import _short, read_bytes
 from data_tools.bop.rotations import check_rotations
+from data_tools.bop.scenes import known_poses
 from posecore.arrays import fail
 from posecore.files import write_bytes
 from posecore.metrics.pose_table import PoseTable
@@ -34,7 +35,8 @@ def read_results(path: str | Path, rotations: str = "project") -> PoseTable:
     """Read a results file.
 
     As in BOP's own reader the header may be missing. The format holds no count: a file cut between
-    two lines, or within the last number of its last line, cannot be told from a whole one.
+    two lines, or within the last number of its last line, cannot be told from a whole one. Rows
+    whose R is a placeholder, nothing but -1, are left out, and one warning says how many.
 
     Args:
         path: the CSV file.
@@ -61,6 +63,10 @@ def read_results(path: str | Path, rotations: str = "project") -> PoseTable:
     elif not top[:1].isdigit():
         raise ValueError(f"{path}: expected the header {HEADER} or a row, got {top[:80]!r}")
     rows = [_read_row(path, number, line) for number, line in numbered]
+    known = known_poses(path, np.reshape([row[4] for row in rows], (-1, 3, 3)))
+    if not known.all():
+        rows = [row for row, there in zip(rows, known, strict=True) if there]
+        numbered = [one for one, there in zip(numbered, known, strict=True) if there]
     scene_id, image_id, object_id, score, R, t, time = zip(*rows, strict=True) if rows else [()] * 7
     return PoseTable(
         scene_id=np.array(scene_id, np.int64),
@@ -120,13 +126,13 @@ def _read_row(path: Path, number: int, line: str) -> tuple:
             refuse(f"column {column}: expected {count} numbers, got {len(texts)}")
         if column.endswith("_id"):
             if not (texts[0].isascii() and texts[0].isdigit() and len(texts[0]) < 19):
-                refuse(f"column {column}: expected an integer of at least 0, got {texts[0]!r}")
+                refuse(f"column {column}: expected an integer of at least 0, got {_short(texts[0])}")
             values.append(int(texts[0]))
             continue
         numbers = [_number(text) for text in texts]
         if None in numbers:
             bad = texts[numbers.index(None)]
-            refuse(f"column {column}: expected finite numbers, got {bad!r}")
+            refuse(f"column {column}: expected finite numbers, got {_short(bad)}")
         if column == "t":
             numbers = [_metres(text) for text in texts]
         values.append(numbers if count > 1 else numbers[0])
@@ -139,8 +145,8 @@ def _number(text: str) -> float | None:
         number = float(text)
     except ValueError:
         return None
-    # Python takes 1_000 for a number; in a results file it is damage.
-    return number if math.isfinite(number) and "_" not in text else None
+    # Python takes 1_000 for a number, and the digits of other scripts; here they are damage.
+    return number if math.isfinite(number) and "_" not in text and text.isascii() else None
 
 
 def _metres(millimetres: str) -> float:

@@ -17,6 +17,7 @@ __all__ = [
     "Camera",
     "PlaceholderWarning",
     "UnitWarning",
+    "known_poses",
     "read_annotations",
     "read_by_id",
     "read_cameras",
@@ -139,7 +140,7 @@ def read_annotations(path: Path, info_path: Path | None, rotations: str) -> Anno
             R.append(read_numbers(where, pose, "cam_R_m2c", 9))
             t.append(read_numbers(where, pose, "cam_t_m2c", 3) / 1000)
     R, t = np.reshape(R, (-1, 3, 3)), np.reshape(t, (-1, 3))
-    known = _known(path, R)
+    known = known_poses(path, R)
     R[~known] = np.eye(3)  # nobody is given these
     return Annotations(
         rows,
@@ -151,7 +152,7 @@ def read_annotations(path: Path, info_path: Path | None, rotations: str) -> Anno
     )
 
 
-def _known(path: Path, R: np.ndarray) -> np.ndarray:
+def known_poses(path: Path, R: np.ndarray) -> np.ndarray:
     """Which of the poses (N, 3, 3) are some: BOP writes nothing but -1 for one that it lacks."""
     placeholder = (R == -1).all((1, 2))
     if placeholder.any():

@@ -12,6 +12,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from data_tools.bop import RotationWarning, read_results, write_results
+from data_tools.bop.scenes import PlaceholderWarning
 from posecore.metrics.pose_table import PoseTable
 from posecore.rotations import rotation_defect
 
@@ -126,6 +127,16 @@ def test_header_alone(folder):
     assert len(read_results(write(folder, HEADER))) == 0
 
 
+@pytest.mark.parametrize("rotations", ["project", "as_read"])
+def test_placeholders_are_left_out(folder, rotations):
+    none = ROW.replace("1 0 0 0 1 0 0 0 1", "-1 -1 -1 -1 -1 -1 -1 -1 -1")
+    with pytest.warns(PlaceholderWarning, match=r"results\.csv: 2 of 3 poses are placeholders"):
+        read = read_results(write(folder, HEADER + none + ROW + none), rotations)
+    assert_same(read, read_results(write(folder, HEADER + ROW)))
+    with pytest.raises(ValueError, match="line 4, column R: expected a rotation"), pytest.warns():
+        read_results(write(folder, HEADER + none + ROW + ROW.replace("1 0 0", "9 0 0")))
+
+
 def swap(old, new):
     return HEADER + ROW + ROW.replace(old, new, 1)
 
@@ -171,6 +182,10 @@ BAD = [
     (swap("2,3,5", "2,3," + "9" * 19), "line 3: column obj_id: expected an integer"),
     (swap("2,3,5", ",3,5"), "line 3: column scene_id: expected 1 numbers, got 0"),
     (swap("2,3,5", "²,3,5"), "line 3: column scene_id: expected an integer"),
+    (swap("161.68945982", "١٦١"), "line 3: column t: expected finite numbers, got '١٦١'"),
+    (swap("0.5", "٥"), "line 3: column score: expected finite numbers, got '٥'"),
+    (swap("161.68945982", "9" * 5000), r"line 3: column t: expected finite numbers, .{,90}\.\.\.$"),
+    (swap("2,3,5", "2,3," + "9" * 5000), r"line 3: column obj_id: expected .{,120}\.\.\.$"),
     (HEADER + ROW.strip() + ROW, "line 2: expected 7 columns .*, got 13"),
 ]
 
