@@ -40,6 +40,7 @@ __all__ = [
     "require_finite",
     "require_integer",
     "require_number",
+    "somewhere",
     "to_numbers",
     "trusted",
     "values_known",
@@ -135,6 +136,11 @@ def values_known() -> bool:
     if torch.compiler.is_compiling():
         return False
     return torch._C._functorch.peek_interpreter_stack() is None
+
+
+def somewhere(condition: Tensor) -> bool:
+    """Whether booleans hold anywhere; False where there are no values to look at."""
+    return values_known() and bool(condition.any())
 
 
 def require_finite(name: str, values: Tensor, expected: str = "finite values") -> None:

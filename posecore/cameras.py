@@ -13,7 +13,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from posecore.arrays import Array, array_function, fail, require_choice, require_integer
+from posecore.arrays import (
+    Array,
+    array_function,
+    fail,
+    require_choice,
+    require_integer,
+    somewhere,
+)
 
 __all__ = [
     "back_project",
@@ -39,8 +46,6 @@ def require_intrinsics(name: str, K: Array) -> None:
         ValueError: if the last row is not 0 0 1, the entry left of fy is not 0, fx or fy is 0, or
             an entry is not finite.
     """
-    if torch.compiler.is_compiling():  # there are no values to look at
-        return
     matrices = _to_tensor(name, K)
     if matrices.shape[-2:] != (3, 3):
         fail(name, "camera matrices, shape (..., 3, 3)", f"shape {tuple(matrices.shape)}")
@@ -48,7 +53,7 @@ def require_intrinsics(name: str, K: Array) -> None:
     rest = matrices[..., [1, 2, 2, 2], [0, 0, 1, 2]]
     good = (focal != 0).all(-1) & (rest == rest.new_tensor([0, 0, 0, 1])).all(-1)
     good &= torch.isfinite(matrices).all(-1).all(-1)
-    if not bool(good.all()):
+    if somewhere(~good):
         expected = "[[fx, s, cx], [0, fy, cy], [0, 0, 1]] with fx and fy not 0"
         fail(name, expected, matrices[~good][0].tolist())
 
@@ -74,7 +79,7 @@ def project(K: Array, points: Array, behind: str = "refuse") -> Array:
     require_choice("behind", behind, ("refuse", "inf"))
     z = points[..., 2:]
     hidden = z <= 0
-    if behind == "refuse" and bool(hidden.any()):
+    if behind == "refuse" and somewhere(hidden):
         fail("points", "z > 0 everywhere", f"{int(hidden.sum())} of {hidden.numel()} with z <= 0")
     # The centre is added last: far off the axis the quotient may be infinite, but never NaN.
     scaled = points[..., :2] @ K[..., :2, :2].mT
@@ -190,7 +195,7 @@ def crop_and_resize_intrinsics(
     if box.ndim == 0 or box.shape[-1] != 4:
         fail("box", "shape (..., 4)", f"shape {tuple(box.shape)}")
     x, y, width, height = box.unbind(-1)
-    if bool((torch.minimum(width, height) <= 0).any()):
+    if somewhere(torch.minimum(width, height) <= 0):
         fail("box", "width and height above 0", box[torch.minimum(width, height) <= 0][0].tolist())
     scale_x, scale_y = new_width / width, new_height / height
     shift_x, shift_y = (0.5 - x) * scale_x - 0.5, (0.5 - y) * scale_y - 0.5
@@ -217,7 +222,7 @@ def _lift(x: Tensor, y: Tensor, z: Tensor, K: Tensor) -> Tensor:
 
 
 def _require_depth(depth: Tensor) -> None:
-    if bool((depth < 0).any()):
+    if somewhere(depth < 0):
         fail("depth", "no value below 0", f"{int((depth < 0).sum())} of {depth.numel()} below 0")
 
 
@@ -241,6 +246,6 @@ def _to_tensor(name: str, value: object) -> Tensor:
 def _like(name: str, value: object, like: Tensor) -> Tensor:
     """`value` in the precision and on the device of `like`, which plain numbers cannot change."""
     tensor = _to_tensor(name, value).to(like.device, like.dtype)
-    if not bool(torch.isfinite(tensor).all()):
+    if somewhere(~torch.isfinite(tensor)):
         fail(name, "finite numbers", tensor.tolist())
     return tensor

@@ -20,7 +20,7 @@ from torch import Tensor
 
 import data_tools
 import posecore
-from posecore import cameras
+from posecore import cameras, metrics, poses
 from posecore.nets.rotation_heads import RotationCodec, RotationHead
 
 # Finding them -----------------------------------------------------------------------------------
@@ -338,6 +338,49 @@ def test_an_empty_batch_is_no_fault(function: FunctionType) -> None:
     for batch in ((0,), (2, 0)):
         for part in parts(call(function, inputs(function, (batch,)))):
             assert function.__qualname__ in OF_THE_WHOLE or part.shape[: len(batch)] == batch
+
+
+# Under transforms of PyTorch there are no values to look at. What builds trees or hulls from values
+# or cuts polygons needs them.
+BY_VALUES = {
+    *("add_s", "mssd", "mspd", "oriented_iou_3d", "nearest_neighbours", "ball_query"),
+    *("interpolation_weights", "three_nearest_interpolation", "farthest_point_sampling"),
+    *("chamfer_distance", "estimate_normals"),
+}
+each_transformed = pytest.mark.parametrize(
+    "function",
+    [f for f in WRAPPED if f.__qualname__ not in {*BY_VALUES, *OF_THE_WHOLE, *OBJECTS}],
+    ids=lambda x: x.__qualname__,
+)
+
+
+@pytest.mark.filterwarnings("ignore:There is a performance drop:UserWarning")
+@each_transformed
+def test_vmap_gives_the_batched_values(function: FunctionType) -> None:
+    specs = WRAPPED[function]
+    axes = {name: 0 if spec[:1] == ("...",) else None for name, spec in specs.items()}
+    if 0 not in axes.values():
+        return
+    values = {k: torch.from_numpy(v.copy()) for k, v in inputs(function, ((4,),)).items()}
+    one = {k: v.numpy()[0] if axes[k] == 0 else v.numpy() for k, v in values.items()}
+
+    def single(*row: Tensor) -> tuple[Tensor, ...]:
+        return tuple(parts(call(function, dict(zip(values, row, strict=True)), one)))
+
+    found = torch.func.vmap(single, tuple(axes[k] for k in values))(*values.values())
+    agree(list(found), [np.asarray(part) for part in parts(call(function, values))], Tensor)
+
+
+# What asks of its values something besides their being finite, and those of rotations elsewhere.
+CHECKED = [cameras.project, poses.from_matrix, metrics.axis_error, metrics.closest_symmetry]
+
+
+@pytest.mark.filterwarnings("ignore:.*should not be instantiated:DeprecationWarning")
+@pytest.mark.parametrize("function", CHECKED, ids=lambda x: x.__qualname__)
+def test_checks_of_values_are_no_part_of_a_graph(function: FunctionType) -> None:
+    values = {k: torch.from_numpy(v.copy()) for k, v in inputs(function, ((4,),)).items()}
+    found = torch.compile(function, fullgraph=True, backend="eager")(**values)
+    agree(parts(found), [np.asarray(part) for part in parts(call(function, values))], Tensor)
 
 
 # What they refuse -------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import torch
 
-from posecore.arrays import Array, array_function, fail, require_integer
+from posecore.arrays import Array, array_function, fail, require_integer, somewhere
 from posecore.cameras import crop_and_resize_intrinsics, require_intrinsics
 
 __all__ = ["require_size", "resample", "turned_crop", "widened"]
@@ -70,7 +70,7 @@ def widened(boxes: Array, size: tuple[int, int], margin: float) -> Array:
         ValueError: if a box is empty.
     """
     empty = (boxes[:, 2:] <= 0).any(1)
-    if bool(empty.any()):
+    if somewhere(empty):
         fail("boxes", "widths and heights above 0", boxes[empty][0].tolist())
     ratio = boxes.new_tensor(size)
     sides = margin * (boxes[:, 2:] / ratio).amax(1, keepdim=True) * ratio

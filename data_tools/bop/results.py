@@ -126,7 +126,8 @@ def _read_row(path: Path, number: int, line: str) -> tuple:
             refuse(f"column {column}: expected {count} numbers, got {len(texts)}")
         if column.endswith("_id"):
             if not (texts[0].isascii() and texts[0].isdigit() and len(texts[0]) < 19):
-                refuse(f"column {column}: expected an integer of at least 0, got {_short(texts[0])}")
+                got = _short(texts[0])
+                refuse(f"column {column}: expected an integer of at least 0, got {got}")
             values.append(int(texts[0]))
             continue
         numbers = [_number(text) for text in texts]

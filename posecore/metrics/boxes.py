@@ -12,7 +12,7 @@ import torch
 from scipy.spatial import ConvexHull, QhullError
 
 from posecore import poses
-from posecore.arrays import Array, array_function, fail, require_integer
+from posecore.arrays import Array, array_function, fail, require_integer, somewhere
 from posecore.rotations import axis_angle_to_matrix, require_rotation
 
 __all__ = ["box_corners", "nocs_legacy_iou", "oriented_iou_3d"]
@@ -179,5 +179,5 @@ def nocs_legacy_iou(
 
 def _require_size(name: str, size: torch.Tensor, positive: bool = False) -> None:
     wrong = size <= 0 if positive else size < 0
-    if bool(wrong.any()):
+    if somewhere(wrong):
         fail(name, "positive lengths" if positive else "lengths of at least 0", float(size.min()))

@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from torch import Tensor
 
 from posecore import cameras, poses
-from posecore.arrays import Array, array_function, fail, require_choice
+from posecore.arrays import Array, array_function, fail, require_choice, somewhere
 from posecore.metrics import motions
 from posecore.rotations import rotation_defect
 
@@ -244,7 +244,7 @@ def _pixel_distance(
         pixels = cameras.project(K, seen)
         there = poses.apply(R_gt, t_gt, points)
         behind = there[..., 2] <= 0
-        if bool(behind.any()):
+        if somewhere(behind):
             expected = "a ground truth in front of the camera"
             fail("t_gt", expected, f"{int(behind.sum())} points behind it")
         gaps = (pixels - cameras.project(K, there)).norm(dim=-1)

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from posecore import poses
-from posecore.arrays import Array, array_function, fail
+from posecore.arrays import Array, array_function, fail, somewhere
 from posecore.rotations import require_rotation
 from posecore.rotations.so3 import relative_angle
 
@@ -66,7 +66,7 @@ def axis_error(R_est: Array, R_gt: Array, axis: Array) -> Array:
     """
     require_rotation("R_est", R_est)
     require_rotation("R_gt", R_gt)
-    if not bool(axis.any()):
+    if somewhere((axis == 0).all()):
         fail("axis", "a direction", "the zero vector")
     axis = axis / axis.abs().max()  # so that squares of tiny numbers do not vanish
     a, b = torch.broadcast_tensors(R_est @ axis, R_gt @ axis)
@@ -105,6 +105,6 @@ def closest_symmetry(
 
 def require_symmetries(symmetries: Tensor) -> None:
     """Refuse what are not rigid transforms (S, 4, 4)."""
-    if bool((symmetries[:, 3] != symmetries.new_tensor([0, 0, 0, 1])).any()):
+    if somewhere(symmetries[:, 3] != symmetries.new_tensor([0, 0, 0, 1])):
         fail("symmetries", "matrices with a last row 0 0 0 1", "others")
     require_rotation("symmetries", symmetries[:, :3, :3])

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from posecore.arrays import Array, array_function, fail, require_number
+from posecore.arrays import Array, array_function, fail, require_number, somewhere
 
 __all__ = ["count_inliers", "hypothesis_covariance", "intersect_lines"]
 
@@ -50,7 +50,7 @@ def intersect_lines(points: Array, directions: Array, weights: Array | None = No
     points, directions = torch.broadcast_tensors(points.double(), directions.double())
     if weights is None:
         weights = points.new_ones(points.shape[:-1])
-    elif bool((weights < 0).any()):
+    elif somewhere(weights < 0):
         fail("weights", "at least 0", f"the smallest {float(weights.min()):g}")
     # Coordinates one by one: PyTorch is slow where it adds up two numbers at a time.
     cosine, sine = _unit(*directions.unbind(-1))
@@ -128,7 +128,7 @@ def hypothesis_covariance(
     """
     floor = require_number("floor", floor, above=0)
     largest = weights.amax(-1, keepdim=True)
-    if bool((weights < 0).any()) or bool((largest == 0).any()):
+    if somewhere((weights < 0) | (largest == 0)):
         fail("weights", "at least 0 and not all 0", f"the smallest {float(weights.min()):g}")
     shares = weights.double() / largest.double()
     shares = shares / shares.sum(-1, keepdim=True)
