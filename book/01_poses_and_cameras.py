@@ -1159,14 +1159,14 @@ except ValueError as error:
 # ## Exercises
 #
 # Six functions to write yourself, each with a check that answers in one line, and hints:
-# [the exercises](exercises/01_poses_and_cameras.ipynb). Get your own copy, which no update touches,
+# [the exercises](exercises/exercises_01_poses_and_cameras.ipynb). Get your own copy, which no update touches,
 # with
 #
 # ```
 # python book/make.py start 01
 # ```
 #
-# Solutions with explanations: [solutions](solutions/01_poses_and_cameras.ipynb).
+# Solutions with explanations: [solutions](solutions/solutions_01_poses_and_cameras.ipynb).
 #
 # ## Summary
 #

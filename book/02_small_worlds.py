@@ -1747,13 +1747,13 @@ print(f"{off} px are {1000 * shift:.2f} mm at {distance} m")
 # ## Exercises
 #
 # Seven functions to write yourself, each with a check that answers in one line, and hints:
-# [the exercises](exercises/02_small_worlds.ipynb). Get your own copy, which no update touches, with
+# [the exercises](exercises/exercises_02_small_worlds.ipynb). Get your own copy, which no update touches, with
 #
 # ```
 # python book/make.py start 02
 # ```
 #
-# Solutions with explanations: [solutions](solutions/02_small_worlds.ipynb).
+# Solutions with explanations: [solutions](solutions/solutions_02_small_worlds.ipynb).
 #
 # ## Summary
 #

@@ -1969,14 +1969,14 @@ assert not any(np.array_equal(row_6d, row) for row in (baseline, *one_mark))
 # ## Exercises
 #
 # Five functions to write yourself, each with a check that answers in one line, and hints:
-# [the exercises](exercises/05_learnable_rotations.ipynb). Get your own copy, which no update
+# [the exercises](exercises/exercises_05_learnable_rotations.ipynb). Get your own copy, which no update
 # touches, with
 #
 # ```
 # python book/make.py start 05
 # ```
 #
-# Solutions with explanations: [solutions](solutions/05_learnable_rotations.ipynb).
+# Solutions with explanations: [solutions](solutions/solutions_05_learnable_rotations.ipynb).
 #
 # ## Summary
 #

@@ -2628,14 +2628,14 @@ if scale() == "book":
 # ## Exercises
 #
 # Functions to write yourself, each with a check that answers in one line, and hints:
-# [the exercises](exercises/08_vector_fields.ipynb). Get your own copy, which no update touches,
+# [the exercises](exercises/exercises_08_vector_fields.ipynb). Get your own copy, which no update touches,
 # with
 #
 # ```
 # python book/make.py start 08
 # ```
 #
-# Solutions with explanations: [solutions](solutions/08_vector_fields.ipynb).
+# Solutions with explanations: [solutions](solutions/solutions_08_vector_fields.ipynb).
 #
 # ## Summary
 #

@@ -57,19 +57,22 @@ draw.map_of_the_book()
 # | 10 | The arena | every method on one test |
 #
 # Pages without a link are being written. Each chapter has exercises, and each exercise has a check
-# that answers at once: those of chapters [1](exercises/01_poses_and_cameras.ipynb),
-# [2](exercises/02_small_worlds.ipynb), [5](exercises/05_learnable_rotations.ipynb) and
-# [8](exercises/08_vector_fields.ipynb), and their solutions,
-# [1](solutions/01_poses_and_cameras.ipynb), [2](solutions/02_small_worlds.ipynb),
-# [5](solutions/05_learnable_rotations.ipynb) and [8](solutions/08_vector_fields.ipynb).
+# that answers at once: those of chapters [1](exercises/exercises_01_poses_and_cameras.ipynb),
+# [2](exercises/exercises_02_small_worlds.ipynb), [5](exercises/exercises_05_learnable_rotations.ipynb) and
+# [8](exercises/exercises_08_vector_fields.ipynb), and their solutions,
+# [1](solutions/solutions_01_poses_and_cameras.ipynb), [2](solutions/solutions_02_small_worlds.ipynb),
+# [5](solutions/solutions_05_learnable_rotations.ipynb) and [8](solutions/solutions_08_vector_fields.ipynb).
 #
 # ## How to run it
 #
 # In a virtual environment with Python 3.11, at the top of the project:
 #
 # ```
-# pip install -r environment.txt && jupyter lab book/index.ipynb
+# pip install -r environment.txt && python book/make.py read
 # ```
+#
+# `read` opens JupyterLab at this page (`read 05`: at chapter 5) and turns off that it saves by itself:
+# pages that you run stay as they are. Save what you want to keep.
 #
 # Open a chapter, run its cells from the top, change a number, run again. For the exercises, take a
 # copy that no update will touch:
@@ -78,11 +81,11 @@ draw.map_of_the_book()
 # python book/make.py start 01
 # ```
 #
-# It lies in `book/my_work` then. An exercise that you leave unfinished never stops the page: from
-# there on the page uses the library's version.
+# It is `book/my_work/my_01_poses_and_cameras.ipynb` then. An exercise that you leave unfinished never
+# stops the page: from there on the page uses the library's version.
 #
 # Three settings in the environment change how the pages run. Give them before Jupyter starts; on
-# Linux and macOS: `POSECORE_SCALE=tiny jupyter lab book/index.ipynb`.
+# Linux and macOS: `POSECORE_SCALE=tiny python book/make.py read`.
 #
 # | variable | values | effect |
 # |---|---|---|

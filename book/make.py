@@ -9,7 +9,8 @@ in an editor or in JupyterLab. Then, for every page NN that you touched:
   python book/make.py check         say what is not fit to be committed
   pytest book -k NN                 run page, solutions and exercises, at a small scale
 
-Solutions are written in solutions/NN_name.py; exercises are generated from them, never edited.
+Solutions are written in solutions/solutions_NN_name.py; exercises are generated from them, never
+edited.
 `make.py new NN name` begins a chapter. What belongs to it beside source and solutions is a package:
 
   chNN_name/drawing/        its figures
@@ -74,7 +75,7 @@ def pair(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     for page in chosen:
         pairs.pair(BOOK / f"{page.name}.py")
         if page.exercises:
-            pairs.pair(BOOK / "solutions" / f"{page.name}.py")
+            pairs.pair(BOOK / f"{page.part('solutions')}.py")
             exercises.generate(page, BOOK)
         print(f"{page.name}: in step")
 

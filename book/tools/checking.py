@@ -153,7 +153,7 @@ def _page(page: Page, book: Path) -> Iterator[str]:
     source = book / f"{page.name}.py"
     yield from _named(source, book, _executed_page(source))
     if page.exercises:
-        path = book / "solutions" / f"{page.name}.py"
+        path = book / f"{page.part('solutions')}.py"
         yield from _named(path, book, _bare_notebook(path))
         try:
             path, data = generated(page, book)

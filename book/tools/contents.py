@@ -30,6 +30,14 @@ class Page:
         """The folder, and the package, of what belongs to it: `chNN_name`."""
         return "ch00_index" if self.name == "index" else f"ch{self.name}"
 
+    def part(self, folder: str) -> str:
+        """The file of one of `PARTS`, without its ending: `exercises/exercises_NN_name`.
+
+        JupyterLab's tabs show the beginning of a file's name and no folder, so the names of one
+        chapter's files begin differently.
+        """
+        return f"{folder}/{folder}_{self.name}"
+
 
 def pages(book: Path = BOOK) -> tuple[Page, ...]:
     """The pages in their order.
@@ -76,5 +84,5 @@ def notebooks_of(page: Page, book: Path = BOOK) -> tuple[Path, ...]:
 
     All have a source (`.py`) beside them but the exercises, which are generated.
     """
-    folders = [book, *(book / part for part in PARTS if page.exercises)]
-    return tuple(folder / f"{page.name}.ipynb" for folder in folders)
+    names = [page.name, *(page.part(folder) for folder in PARTS if page.exercises)]
+    return tuple(book / f"{name}.ipynb" for name in names)

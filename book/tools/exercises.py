@@ -98,23 +98,23 @@ def _without_solution(source: str, place: str) -> str:
 
 
 def generated(page: Page, book: Path = BOOK) -> tuple[Path, bytes]:
-    """The file `exercises/NAME.ipynb`, and what it has to be, to the byte.
+    """The file `exercises/exercises_NAME.ipynb`, and what it has to be, to the byte.
 
     Raises:
         ValueError: if the page has no exercises, or the solutions are not as `student_version`
             wants them; the message names the file.
     """
     _require_exercises(page)
-    solutions = book / "solutions" / f"{page.name}.py"
+    solutions = book / f"{page.part('solutions')}.py"
     try:
         nb = student_version(read_source(solutions))
     except ValueError as error:
         raise ValueError(f"solutions/{solutions.name}: {error}") from error
-    return book / "exercises" / f"{page.name}.ipynb", _alone(nb)
+    return book / f"{page.part('exercises')}.ipynb", _alone(nb)
 
 
 def generate(page: Page, book: Path = BOOK) -> None:
-    """Write `exercises/NAME.ipynb` from `solutions/NAME.py`, where it differs.
+    """Write `exercises/exercises_NAME.ipynb` from `solutions/solutions_NAME.py`, where it differs.
 
     A notebook that says something else is set aside: somebody may have solved it where it lies.
 
@@ -142,19 +142,20 @@ def start(page: Page, destination: Path = BOOK / "my_work", book: Path = BOOK) -
         The path of the copy.
 
     Raises:
-        FileExistsError: if there is a file of this name already, with the student's work perhaps;
-            it is left as it is.
+        FileExistsError: if there is a file of this name already, with the student's work perhaps,
+            or one of the name that it had before; it is left as it is.
         ValueError: if the page has no exercises, or its notebook is not there.
     """
     _require_exercises(page)
-    name = f"{page.name}.ipynb"
-    source, path = book / "exercises" / name, Path(destination) / name
+    source = book / f"{page.part('exercises')}.ipynb"
+    path = Path(destination) / f"my_{page.name}.ipynb"
     if not source.is_file():
         fail("page", "exercises that were generated", f"no file {source}")
-    if os.path.lexists(path):
-        raise FileExistsError(
-            f"{path} is there already and stays as it is. To begin again, rename it first."
-        )
+    for there in (path, path.with_name(f"{page.name}.ipynb")):  # the second as it was called before
+        if os.path.lexists(there):
+            raise FileExistsError(
+                f"{there} is there already and stays as it is. To begin again, rename it first."
+            )
     path.parent.mkdir(parents=True, exist_ok=True)
     write_bytes(path, _alone(strip(read_notebook(source))))
     return path

@@ -87,7 +87,7 @@ def _made(words: Mapping[str, str], page: Page, root: Path) -> dict[Path, bytes]
             path.parent.mkdir(parents=True, exist_ok=True)
             text = _filled(template.read_text(encoding="utf-8"), words)
             path.write_text(text, encoding="utf-8", newline="\n")
-        for source in (book / f"{page.name}.py", book / "solutions" / f"{page.name}.py"):
+        for source in (book / f"{page.name}.py", book / f"{page.part('solutions')}.py"):
             pairs.pair(source)
         exercises.generate(page, book)
         made = sorted(path for path in Path(folder).rglob("*") if path.is_file())

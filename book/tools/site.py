@@ -33,7 +33,7 @@ import nbformat
 from nbformat import NotebookNode
 from pybtex.database import parse_file
 
-from book.tools.contents import BOOK, ROOT, pages
+from book.tools.contents import BOOK, ROOT, Page, pages
 from book.tools.execution import WIDGET_VIEW
 from book.tools.notebooks import read_notebook
 from data_tools.storage.locks import byte_lock
@@ -76,7 +76,7 @@ Open the copy in JupyterLab and fill it in: every exercise has a check that answ
     "solutions": """\
 ```{{admonition}} Spoilers
 :class: warning
-This page gives the answers away. [Here are the exercises](../exercises/{page}.ipynb) without them.
+This page gives the answers away. [Here are the exercises](../{exercises}.ipynb) without them.
 ```""",
 }
 
@@ -183,7 +183,7 @@ class _Stage:
     def names(self) -> list[str]:
         """All notebooks, relative to the book."""
         return [f"{p.name}.ipynb" for p in self.pages] + [
-            f"{part}/{p.name}.ipynb" for part in PARTS for p in self.pages if p.exercises
+            f"{p.part(part)}.ipynb" for part in PARTS for p in self.pages if p.exercises
         ]
 
     def fill(self) -> None:
@@ -210,9 +210,9 @@ class _Stage:
                     cell.outputs = list(self._outputs(cell.outputs))
                 except ValueError as error:
                     raise ValueError(f"cell {number}: {error}") from error
-        part, _, page = name.removesuffix(".ipynb").rpartition("/")
-        if part:
-            _introduce(notebook, part, page)
+        for page, part in ((p, part) for p in self.pages for part in PARTS):
+            if name == f"{page.part(part)}.ipynb":
+                _introduce(notebook, part, page)
         kept = {k: v for k, v in notebook.metadata.items() if k in ("kernelspec", "language_info")}
         if not (words := _description(notebook)):
             raise ValueError("expected a paragraph of text, by which search engines describe it")
@@ -224,12 +224,13 @@ class _Stage:
 
     def _order(self, name: str) -> Iterator[str]:
         """Which pages follow this one: exercises their chapter, solutions the whole book."""
-        exercises = [p.name for p in self.pages if p.exercises]
+        exercises = {p.name: p for p in self.pages if p.exercises}
         if name == "index.ipynb":
             yield _toctree("Chapters", [p.name for p in self.pages if p.name != "index"])
-            yield _toctree("At the back", [*(f"solutions/{p}" for p in exercises), "references"])
+            solutions = [p.part("solutions") for p in exercises.values()]
+            yield _toctree("At the back", [*solutions, "references"])
         elif (page := name.removesuffix(".ipynb")) in exercises:
-            yield _toctree("", [f"exercises/{page}"])
+            yield _toctree("", [exercises[page].part("exercises")])
 
     def _link(self, match: re.Match[str], name: str, cited: set[str]) -> str:
         """A link as it stands on the site."""
@@ -319,14 +320,14 @@ def _toctree(caption: str, names: list[str]) -> str:
     return "\n".join(["```{toctree}", *options, *names, "```"])
 
 
-def _introduce(notebook: NotebookNode, part: str, page: str) -> None:
+def _introduce(notebook: NotebookNode, part: str, page: Page) -> None:
     """Exercises and solutions are told apart by title, and say what they are."""
-    number, first = page.partition("_")[0], notebook.cells[0]
+    number, first = page.name.partition("_")[0], notebook.cells[0]
     title = re.search(r"^# (.+)$", first.source, re.M)
     if first.cell_type != "markdown" or title is None:
         raise ValueError("expected a first cell with a title, as in '# Exercises'")
     name = re.sub(r"^(exercises|solutions):? *", "", title[1], flags=re.I) or number
-    words = WORDS[part].format(page=page, number=number)
+    words = WORDS[part].format(exercises=page.part("exercises"), number=number)
     top = f"# {part.capitalize()}: {name}\n\n{words}"
     first.source = first.source.replace(title[0], top, 1)
 

@@ -172,13 +172,13 @@ def _cells():
             ),
             _cell("figures.picture_grid(rows)", _wide()),
         ],
-        "exercises/01_first": [
+        "exercises/exercises_01_first": [
             new_markdown_cell("# Exercises: poses" + back),
             _cell("answer", Answer(DONE, "Exercise 1: done, 12 of 12 inputs agree.", None)),
             _cell("answer", Answer(NOT_DONE, "Exercise 2: not done yet.", None)),
             _cell("answer", Answer(NOT_RIGHT, "Exercise 3: not right yet: 0, not <1>.", None)),
         ],
-        "solutions/01_first": [
+        "solutions/solutions_01_first": [
             new_markdown_cell("# Exercises: poses" + back),
             _cell("def centroid(points):\n    return points.mean(-2)"),
         ],

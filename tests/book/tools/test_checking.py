@@ -99,13 +99,13 @@ def book(tmp_path, monkeypatch):
     for name in ("__init__", "ch01_a/__init__", "make", "conftest"):
         (book / f"{name}.py").write_text("")
     (book / "ch01_a" / "drawing.py").write_text(DRAWING)
-    for name, text in (("index", INDEX), ("01_a", CHAPTER), ("solutions/01_a", SOLUTION)):
+    for name, text in (("index", INDEX), ("01_a", CHAPTER), ("solutions/solutions_01_a", SOLUTION)):
         (book / f"{name}.py").write_text(HEADER + text, encoding="utf-8")
         pair(book / f"{name}.py")
     for name in ("index", "01_a"):
         execute_by_hand(book / f"{name}.ipynb")
     generate(Page("01_a", True), book)
-    (book / "my_work" / "01_a.ipynb").write_text("a student's, whatever it holds")
+    (book / "my_work" / "my_01_a.ipynb").write_text("a student's, whatever it holds")
     yield book
     forget()
 
@@ -285,7 +285,7 @@ COMMENTS = ["NBVAL_SKIP", "NBVAL_RAISES_EXCEPTION", "NBVAL_IGNORE_OUTPUT"]
     [("# %%\nassert", f'# %% tags=["{mark}"]\nassert') for mark in MARKS]
     + [("assert", f"# {comment}\nassert") for comment in COMMENTS],
 )
-@pytest.mark.parametrize("name", ["01_a", "solutions/01_a"])
+@pytest.mark.parametrize("name", ["01_a", "solutions/solutions_01_a"])
 def test_marks_that_switch_tests_off(old, new, name, book):
     if name == "01_a":
         change_code(book, old, new)
@@ -361,11 +361,13 @@ def test_nbval_is_not_asked_to_compare_pictures(book):
 
 
 def test_nbval_is_not_asked_to_compare_with_nothing(book):
-    change(book / "solutions" / "01_a.py", "def double", "# NBVAL_CHECK_OUTPUT\ndef double")
-    pair(book / "solutions" / "01_a.py")
+    change(
+        book / "solutions" / "solutions_01_a.py", "def double", "# NBVAL_CHECK_OUTPUT\ndef double"
+    )
+    pair(book / "solutions" / "solutions_01_a.py")
     generate(Page("01_a", True), book)
     message = "cell 2 asks nbval to compare with outputs that are not stored"
-    assert problems(book) == [f"solutions/01_a: {message}"]
+    assert problems(book) == [f"solutions/solutions_01_a: {message}"]
 
 
 @pytest.mark.parametrize("code", ["%matplotlib inline", "!ls", "%%bash\nls", "x ="])
@@ -391,11 +393,11 @@ def test_pages_are_not_too_large(book):
 
 
 def test_solutions_store_no_outputs(book):
-    path = book / "solutions" / "01_a.ipynb"
+    path = book / "solutions" / "solutions_01_a.ipynb"
     nb = read_notebook(path)
     nb.cells[1].execution_count = 1
     write_notebook(nb, path)
-    assert problems(book) == ["solutions/01_a: has stored outputs; run make.py pair"]
+    assert problems(book) == ["solutions/solutions_01_a: has stored outputs; run make.py pair"]
 
 
 def ran(nb):
@@ -412,22 +414,31 @@ def paired(nb):
 
 @pytest.mark.parametrize("function", [ran, says_something_else, paired])
 def test_exercises_are_those_that_the_solutions_generate(function, book):
-    edit(book / "exercises" / "01_a.ipynb", function)
-    message = "exercises/01_a.ipynb: not what its solutions generate; run make.py pair"
+    edit(book / "exercises" / "exercises_01_a.ipynb", function)
+    message = "exercises/exercises_01_a.ipynb: not what its solutions generate; run make.py pair"
     assert problems(book) == [message]
 
 
 def test_solutions_that_generate_nothing(book):
-    change(book / "solutions" / "01_a.py", "### END SOLUTION", "### END")
-    pair(book / "solutions" / "01_a.py")
-    assert any("solutions/01_a.py" in line and "END SOLUTION" in line for line in problems(book))
+    change(book / "solutions" / "solutions_01_a.py", "### END SOLUTION", "### END")
+    pair(book / "solutions" / "solutions_01_a.py")
+    assert any(
+        "solutions/solutions_01_a.py" in line and "END SOLUTION" in line for line in problems(book)
+    )
 
 
 @pytest.mark.parametrize(
     "name",
     [
-        *("02_b.ipynb", "02_b.py", "notes.ipynb", "solutions/index.ipynb", "deep/er/a.ipynb"),
-        "exercises/01_a.py",  # a notebook alone is generated
+        *(
+            "02_b.ipynb",
+            "02_b.py",
+            "notes.ipynb",
+            "solutions/solutions_index.ipynb",
+            "deep/er/a.ipynb",
+        ),
+        "exercises/exercises_01_a.py",  # a notebook alone is generated
+        *("solutions/01_a.ipynb", "exercises/01_a.ipynb"),  # as they were called before
     ],
 )
 def test_files_that_the_contents_lack(name, book):
@@ -442,7 +453,7 @@ def test_packages_of_no_page(name, book):
     assert problems(book) == [f"{name}: belongs to no page of site/contents.toml"]
 
 
-@pytest.mark.parametrize("name", ["01_a.py", "index.ipynb", "exercises/01_a.ipynb"])
+@pytest.mark.parametrize("name", ["01_a.py", "index.ipynb", "exercises/exercises_01_a.ipynb"])
 def test_files_that_are_missing(name, book):
     (book / name).unlink()
     assert problems(book) == [f"{name}: in site/contents.toml, but missing"]
@@ -450,7 +461,7 @@ def test_files_that_are_missing(name, book):
     assert problems(book, of_the_page) == problems(book)
 
 
-@pytest.mark.parametrize("name", ["01_a.ipynb", "solutions/01_a.ipynb", "01_a.py"])
+@pytest.mark.parametrize("name", ["01_a.ipynb", "solutions/solutions_01_a.ipynb", "01_a.py"])
 def test_damaged_files_are_named_and_the_rest_is_looked_at(name, book):
     (book / name).write_bytes(b"\xff")
     never = book / "index.ipynb"

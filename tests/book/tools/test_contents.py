@@ -67,10 +67,19 @@ def test_a_table_that_is_none_is_told_of(text, message, book):
 def test_exercises_and_solutions_are_notebooks_too(book):
     names = [path.relative_to(book).as_posix() for path in notebooks(book)]
     assert names == [
-        *("index.ipynb", "01_a.ipynb", "solutions/01_a.ipynb", "exercises/01_a.ipynb"),
+        *("index.ipynb", "01_a.ipynb"),
+        *("solutions/solutions_01_a.ipynb", "exercises/exercises_01_a.ipynb"),
         "10_b.ipynb",
     ]
     assert notebooks_of(Page("10_b"), book) == (book / "10_b.ipynb",)
+
+
+def test_names_differ_from_their_beginning_on(book):
+    """JupyterLab's tabs show so much of a file's name, and no folder."""
+    for page in pages():
+        if page.exercises:
+            names = [path.name[:12] for path in notebooks_of(page)]
+            assert len({*names, f"my_{page.name}"[:12]}) == 4
 
 
 def test_what_belongs_to_a_page_is_a_package(book):

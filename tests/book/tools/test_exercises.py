@@ -156,7 +156,7 @@ def book(tmp_path: Path) -> Path:
     """A book with one page of exercises, in step."""
     (tmp_path / "solutions").mkdir()
     solutions = new_notebook(cells=[text("# Exercises"), code(SOLVED), text("So.", "solution")])
-    (tmp_path / "solutions" / "01_a.py").write_bytes(source_bytes(solutions))
+    (tmp_path / "solutions" / "solutions_01_a.py").write_bytes(source_bytes(solutions))
     generate(PAGE, tmp_path)
     return tmp_path
 
@@ -166,7 +166,7 @@ PAGE = Page("01_a", exercises=True)
 
 def test_a_notebook_alone_is_generated(book: Path) -> None:
     path, data = generated(PAGE, book)
-    assert path == book / "exercises" / "01_a.ipynb"
+    assert path == book / "exercises" / "exercises_01_a.ipynb"
     assert [file.name for file in path.parent.iterdir()] == [path.name]
     assert path.read_bytes() == data
     nb = nbformat.read(path, as_version=4)
@@ -202,9 +202,11 @@ def test_an_edited_exercise_is_generated_again_and_kept_aside(
 
 def test_a_bad_solution_changes_nothing(book: Path) -> None:
     path, data = generated(PAGE, book)
-    solutions = book / "solutions" / "01_a.py"
+    solutions = book / "solutions" / "solutions_01_a.py"
     solutions.write_text(solutions.read_text().replace(END, "### END"))
-    with pytest.raises(ValueError, match=r"^solutions/01_a\.py: cell 2 \('def add.*expected ### E"):
+    with pytest.raises(
+        ValueError, match=r"^solutions/solutions_01_a\.py: cell 2 \('def add.*expected ### E"
+    ):
         generate(PAGE, book)
     assert path.read_bytes() == data
 
@@ -219,9 +221,9 @@ def test_pages_without_exercises(book: Path, page: Page) -> None:
 
 
 def test_a_page_whose_solutions_are_missing(book: Path) -> None:
-    with pytest.raises(ValueError, match=r"^solutions/02_b\.py: .*cannot be read"):
+    with pytest.raises(ValueError, match=r"^solutions/solutions_02_b\.py: .*cannot be read"):
         generate(Page("02_b", exercises=True), book)
-    assert not (book / "exercises" / "02_b.ipynb").exists()
+    assert not (book / "exercises" / "exercises_02_b.ipynb").exists()
 
 
 @each_page
@@ -234,7 +236,7 @@ def test_the_books_exercises_are_those_that_its_solutions_generate(page: Page) -
 @each_page
 def test_no_trace_of_a_solution(page: Page) -> None:
     secret, public, inside = set(), set(), False
-    for cell in read_source(BOOK / "solutions" / f"{page.name}.py").cells:
+    for cell in read_source(BOOK / "solutions" / f"solutions_{page.name}.py").cells:
         for line in map(str.strip, cell.source.split("\n")):
             inside = line == BEGIN or (inside and line != END)
             hidden = inside or "solution" in cell.metadata.get("tags", [])
@@ -248,7 +250,7 @@ def test_no_trace_of_a_solution(page: Page) -> None:
 
 @each_page
 def test_solutions_store_no_outputs(page: Page) -> None:
-    nb = nbformat.read(BOOK / "solutions" / f"{page.name}.ipynb", as_version=4)
+    nb = nbformat.read(BOOK / "solutions" / f"solutions_{page.name}.ipynb", as_version=4)
     cells = [cell for cell in nb.cells if cell.cell_type == "code"]
     assert cells and not any(cell.outputs or cell.execution_count for cell in cells)
 
@@ -258,7 +260,7 @@ def test_solutions_store_no_outputs(page: Page) -> None:
 
 def test_start(book: Path) -> None:
     path = start(PAGE, book / "my" / "work", book)
-    assert path == book / "my" / "work" / "01_a.ipynb"
+    assert path == book / "my" / "work" / "my_01_a.ipynb"
     nb = nbformat.read(path, as_version=4)
     nbformat.validate(nb)
     assert sources(nb) == ["# Exercises", STUB]
@@ -278,9 +280,21 @@ def test_start_leaves_a_students_file_alone(book: Path) -> None:
     assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
-def test_start_leaves_a_link_alone(book: Path) -> None:
+def test_start_leaves_a_file_alone_that_has_its_name_of_before(book: Path) -> None:
+    """Copies were called as their page; a student who solved one should not be handed another."""
     (book / "my_work").mkdir()
     path = book / "my_work" / "01_a.ipynb"
+    path.write_text("my work")
+    with pytest.raises(FileExistsError, match=re.escape(f"{path} is there already and stays")):
+        start(PAGE, book / "my_work", book)
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+    path.rename(path.with_name("old.ipynb"))
+    assert start(PAGE, book / "my_work", book).name == "my_01_a.ipynb"
+
+
+def test_start_leaves_a_link_alone(book: Path) -> None:
+    (book / "my_work").mkdir()
+    path = book / "my_work" / "my_01_a.ipynb"
     path.symlink_to(book / "elsewhere.ipynb")  # on a disk that is not there today, say
     with pytest.raises(FileExistsError):
         start(PAGE, book / "my_work", book)
@@ -298,14 +312,14 @@ def test_start_is_all_or_nothing(book: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_start_before_the_exercises_were_generated(book: Path) -> None:
-    (book / "exercises" / "01_a.ipynb").unlink()
+    (book / "exercises" / "exercises_01_a.ipynb").unlink()
     with pytest.raises(ValueError, match="page: expected exercises that were generated, got no fi"):
         start(PAGE, book / "my_work", book)
     assert not (book / "my_work").exists()
 
 
 def test_start_hands_out_no_outputs(book: Path) -> None:
-    path = book / "exercises" / "01_a.ipynb"  # somebody ran the book's own copy
+    path = book / "exercises" / "exercises_01_a.ipynb"  # somebody ran the book's own copy
     nb = nbformat.read(path, as_version=4)
     nb.cells[1].outputs = [new_output("stream", text="mine")]
     nb.cells[1].execution_count = 1
@@ -318,7 +332,7 @@ def test_jupytext_pairs_a_students_notebook_with_nothing(folder: str, book: Path
     """Opened, edited and saved in JupyterLab, under the book's own settings."""
     shutil.copy(BOOK / "jupytext.toml", book)
     path = start(PAGE, book / "my_work", book) if folder == "my_work" else generated(PAGE, book)[0]
-    for root, name in ((book, f"{folder}/01_a.ipynb"), (path.parent, "01_a.ipynb")):
+    for root, name in ((book, f"{folder}/{path.name}"), (path.parent, path.name)):
         manager = build_sync_jupytext_contents_manager_class(LargeFileManager)()
         manager.root_dir = str(root)
         model = manager.get(name)

@@ -248,15 +248,15 @@ def test_exercises_solved_in_jupyterlab_stay_one_notebook(server, project):
     """Whatever the folder's settings pair."""
     book = project / "book"
     (book / "exercises").mkdir()
-    (book / "solutions" / "02_b.py").write_text(HEADER + EXERCISE)
+    (book / "solutions" / "solutions_02_b.py").write_text(HEADER + EXERCISE)
     generate(Page("02_b", exercises=True), book)
-    path = book / "exercises" / "02_b.ipynb"
+    path = book / "exercises" / "exercises_02_b.ipynb"
     before = path.read_bytes()
-    content = request(server, "exercises/02_b.ipynb?type=notebook")["content"]
+    content = request(server, "exercises/exercises_02_b.ipynb?type=notebook")["content"]
     assert [file.name for file in path.parent.iterdir()] == [path.name]
-    request(server, "exercises/02_b.ipynb", as_the_browser_does(content))
+    request(server, "exercises/exercises_02_b.ipynb", as_the_browser_does(content))
     content["cells"][0]["source"] = "def double(x):\n    return x + x"
-    request(server, "exercises/02_b.ipynb", as_the_browser_does(content))
+    request(server, "exercises/exercises_02_b.ipynb", as_the_browser_does(content))
     assert [f.name for f in path.parent.iterdir() if f.is_file()] == [path.name]
     nb = read_notebook(path)
     assert nb.cells[0].source.endswith("return x + x")

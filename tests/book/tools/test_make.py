@@ -42,7 +42,7 @@ def book(make, tmp_path, monkeypatch):
         (tmp_path / part).mkdir()
     (tmp_path / "site" / "contents.toml").write_text(CONTENTS)
     for name, text in (("index", "\n# %% [markdown]\n# # The book\n"), ("01_a", CHAPTER),
-                       ("solutions/01_a", SOLUTION)):  # fmt: skip
+                       ("solutions/solutions_01_a", SOLUTION)):  # fmt: skip
         (tmp_path / f"{name}.py").write_text(HEADER + text)
     work_in(tmp_path, make, monkeypatch)
     return tmp_path
@@ -76,7 +76,7 @@ def test_start_copies_exercises_and_goes_on_where_there_are_copies(make, book, c
     real = exercises.start
     monkeypatch.setattr(exercises, "start", lambda page: real(page, book / "my_work", book))
     assert make.main(["start", "1"]) == 0
-    path = book / "my_work" / "01_a.ipynb"
+    path = book / "my_work" / "my_01_a.ipynb"
     assert capsys.readouterr().out.endswith(f"01_a: open {path}\n") and path.is_file()
     path.write_text("a student's work")
     assert make.main(["start", "1"]) == 1
@@ -256,7 +256,7 @@ def test_strip_does_not_hide_edits_of_the_notebook(make, book, capsys):
 
 def test_an_exercise_solved_where_it_lies_is_kept(make, book, capsys):
     make.main(["pair"])
-    path = book / "exercises" / "01_a.ipynb"
+    path = book / "exercises" / "exercises_01_a.ipynb"
     nb = read_notebook(path)
     nb.cells[0].source = "answer = 6 * 7"
     write_notebook(nb, path)

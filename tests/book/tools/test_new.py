@@ -100,8 +100,8 @@ def test_all_that_is_left_to_do_is_to_run_it(root):
     new("3", "clouds", "infrared", root)
     page = find_page("3", root / "book")
     assert problems(root / "book", [page]) == ["03_clouds: never executed; run make.py execute"]
-    for part in (".", "solutions"):
-        source = root / "book" / part / "03_clouds.py"
+    for name in ("03_clouds", "solutions/solutions_03_clouds"):
+        source = root / "book" / f"{name}.py"
         assert source.stat().st_mtime_ns >= source.with_suffix(".ipynb").stat().st_mtime_ns
     written = "\n".join(p.read_text() for p in root.rglob("*.py") if "methods/v" not in str(p))
     assert not [word for word in ("NN_", "NN ", "TITLE", "METHOD ", "METHOD.") if word in written]
@@ -136,7 +136,11 @@ def test_names_that_cannot_be(root, number, words, message):
 
 @pytest.mark.parametrize(
     "name",
-    ["book/03_clouds.ipynb", "book/solutions/03_clouds.py", "tests/methods/clouds/test_losses.py"],
+    [
+        "book/03_clouds.ipynb",
+        "book/solutions/solutions_03_clouds.py",
+        "tests/methods/clouds/test_losses.py",
+    ],
 )
 def test_a_file_that_is_there_stays_and_stays_alone(root, name):
     (root / name).parent.mkdir(parents=True, exist_ok=True)

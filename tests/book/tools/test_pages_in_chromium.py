@@ -231,7 +231,7 @@ def test_dark_and_light(page):
     for part in (".text_html td", ".text_html + *, .text_html"):
         colour = f"getComputedStyle(document.querySelector({part!r})).color"
         assert _luminance(browser, colour) > 150
-    browser = page("exercises/01_first.html", dark=True)
+    browser = page("exercises/exercises_01_first.html", dark=True)
     answer = "getComputedStyle(document.querySelector('[role=status]'))"
     assert _luminance(browser, f"{answer}.color") > 150
     assert _luminance(browser, f"{answer}.backgroundColor") < 80
@@ -276,7 +276,7 @@ def test_the_site_works_on_a_server_in_a_folder_of_it(browser, small_site):
         browser.open(f"{home}search.html?q=zymurgical")
         excerpt = "document.querySelector('#search-results li p.context')?.innerText"
         assert "zymurgical" in _wait(lambda: browser.run(excerpt))
-        for name in ("01_first.html", "exercises/01_first.html"):
+        for name in ("01_first.html", "exercises/exercises_01_first.html"):
             browser.open(home + name)
             assert not browser.errors
             assert {url[: len(home)] for url in browser.requests if url[:5] != "data:"} == {home}

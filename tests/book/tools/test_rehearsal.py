@@ -57,7 +57,7 @@ def exercises(page):
 
 @each_page
 def test_every_stub_is_not_done_yet_and_the_library_stands_in(page):
-    space, answers = played(BOOK / "exercises" / f"{page.name}.ipynb")
+    space, answers = played(BOOK / "exercises" / f"exercises_{page.name}.ipynb")
     assert list(answers) == list(exercises(page))  # every check, in the order of the page
     for name, answer in answers.items():
         assert answer.status == NOT_DONE
@@ -67,7 +67,7 @@ def test_every_stub_is_not_done_yet_and_the_library_stands_in(page):
 
 @each_page
 def test_every_solution_is_done_and_used(page):
-    space, answers = played(BOOK / "solutions" / f"{page.name}.ipynb")
+    space, answers = played(BOOK / "solutions" / f"solutions_{page.name}.ipynb")
     assert list(answers) == list(exercises(page))
     for name, answer in answers.items():
         assert answer.status == DONE, answer.line
@@ -76,7 +76,7 @@ def test_every_solution_is_done_and_used(page):
 
 @each_page
 def test_the_examples_in_the_stubs_are_what_the_solutions_give(page):
-    space, answers = played(BOOK / "solutions" / f"{page.name}.ipynb")
+    space, answers = played(BOOK / "solutions" / f"solutions_{page.name}.ipynb")
     for name in answers:
         words = space[name].__doc__ or ""
         test = doctest.DocTestParser().get_doctest(words, dict(space), name, None, None)

@@ -23,7 +23,13 @@ from book.tools.contents import pages
 
 pytestmark = pytest.mark.slow  # builds with Sphinx
 
-ORDER = ["01_first", "exercises/01_first", "02_second", "solutions/01_first", "references"]
+ORDER = [
+    "01_first",
+    "exercises/exercises_01_first",
+    "02_second",
+    "solutions/solutions_01_first",
+    "references",
+]
 LOADED = {
     "src": ("script", "img", "iframe", "embed", "source", "video", "audio", "track", "input"),
     "href": ("link", "image", "use", "base"),
@@ -188,7 +194,7 @@ def test_previous_and_next_go_through_the_book(site):
     ]
     for name in read:
         if name.startswith("exercises/"):
-            assert read[read.index(name) - 1] == name.removeprefix("exercises/")
+            assert read[read.index(name) - 1] == name.removeprefix("exercises/exercises_")
 
 
 def test_the_order_of_the_small_book(small):
@@ -296,7 +302,7 @@ def test_exercises_and_solutions_say_what_they_are(small):
     assert exercises.find("h1").get_text().startswith("Exercises: poses")
     assert solutions.find("h1").get_text().startswith("Solutions: poses")
     assert "python book/make.py start 01" in exercises.find(class_="admonition").get_text()
-    assert solutions.select_one(".admonition a")["href"] == "../exercises/01_first.html"
+    assert solutions.select_one(".admonition a")["href"] == "../exercises/exercises_01_first.html"
 
 
 def test_outputs_are_there_and_widgets_are_not(small):
@@ -306,7 +312,7 @@ def test_outputs_are_there_and_widgets_are_not(small):
     assert article.find("figure", id=re.compile("^viewer-")).find("img")
     assert "6D beats quaternions <by far>" in article.find("td", string=re.compile("6D")).string
     assert article.select_one("div.highlight-python pre").get_text().startswith("@array_function")
-    states = small["exercises/01_first.html"].find_all(attrs={"role": "status"})
+    states = small["exercises/exercises_01_first.html"].find_all(attrs={"role": "status"})
     assert [state.get_text()[0] for state in states] == ["✓", "…", "✗"]
     assert "0, not <1>" in states[2].get_text()
 
@@ -368,10 +374,10 @@ def _spoil_picture(book):
 
 
 def _spoil_title(book):
-    _change(book, "solutions/01_first.ipynb", new_markdown_cell("x"))
-    notebook = nbformat.read(book / "solutions/01_first.ipynb", 4)
+    _change(book, "solutions/solutions_01_first.ipynb", new_markdown_cell("x"))
+    notebook = nbformat.read(book / "solutions/solutions_01_first.ipynb", 4)
     notebook.cells[0].source = "no title"
-    nbformat.write(notebook, book / "solutions/01_first.ipynb")
+    nbformat.write(notebook, book / "solutions/solutions_01_first.ipynb")
 
 
 def _spoil_words(book):
@@ -391,7 +397,7 @@ def _spoil_links(book):
         (_spoil_notebook, r"02_second\.ipynb"),
         (_spoil_citation, r"02_second\.ipynb: cites https://arxiv\.org/abs/0000\.00000"),
         (_spoil_picture, r"02_second\.ipynb: cell 2: a picture without alt text"),
-        (_spoil_title, r"solutions/01_first\.ipynb: expected a first cell with a title"),
+        (_spoil_title, r"solutions/solutions_01_first\.ipynb: expected a first cell with a title"),
         (_spoil_words, r"02_second\.ipynb: expected a paragraph of text"),
         (_spoil_links, r"(?s)Sphinx.*02_second\.ipynb, cell 2: .*03_third.*No-such-heading"),
     ],
