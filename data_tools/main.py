@@ -23,6 +23,7 @@ __all__ = ["main", "parse", "run"]
 WORLDS = ("headset", "tabletop", "categories")
 # Not "train_pbr": there the toolkit looks for JPEG files, in which colours are not as they were.
 PARTS = {"train": "train", "easy": "test", "occluded": "test_occluded"}
+PICTURE = re.compile(r"[0-9]+(_\w+)?")  # names of a dataset's pictures and masks
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -45,8 +46,8 @@ def run(options: argparse.Namespace) -> int:
     """Run a command of the command line; returns the exit status, as `main` does."""
     try:
         return options.command(options) or 0
-    except (ValueError, OSError, RuntimeError) as error:
-        line = " ".join(str(error).split())
+    except (ValueError, OSError, RuntimeError, MemoryError) as error:
+        line = " ".join(str(error).split()) or "not enough memory"
         print(f"error: {line}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -72,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
     make.add_argument("--quiet", action="store_true", help="no progress bar")
 
     show = _command(commands, "show", _show, "draw views with their poses into a PNG file")
-    show.add_argument("source", help="a world, or bop:PATH")
+    show.add_argument("source", help="a world, bop:PATH or linemod:PATH")
     _add_split_and_scale(show)
     show.add_argument("--count", type=int, default=12, help="views (default: 12)")
     show.add_argument("--first", type=int, default=0, help="index of the first view (default: 0)")
@@ -149,6 +150,10 @@ def _show(options: argparse.Namespace) -> None:
     path = Path(options.output or (f"{name}_{split}.png" if split else f"{name}.png"))
     if path.suffix != ".png":
         fail("--output", "a name that ends in .png", str(path))
+    folder = options.source.partition(":")[2]
+    if folder and path.is_file() and Path(folder).resolve() in path.resolve().parents:
+        if PICTURE.fullmatch(path.stem):
+            fail("--output", "a file that is none of the dataset's", str(path))
     first = require_integer("--first", options.first, 0, len(dataset) - 1)
     count = require_integer("--count", options.count, 1)
     chosen = [dataset[i] for i in range(first, min(first + count, len(dataset)))]

@@ -83,7 +83,8 @@ def choose_sensor(scenes: dict[int, Path], sensor: str | None) -> dict[int, Scen
     known = sorted(set().union(*of_scene.values()))
     if sensor is None and "" not in known and known:
         if len(known) > 1:
-            fail("sensor", f"one of {', '.join(known)}", "None")
+            expected = f"one of {', '.join(known)}, such as split 'test:{known[0]}' has"
+            fail("sensor", expected, "None")
         sensor = known[0]
     if sensor is not None and sensor not in known:
         named = [name for name in known if name]

@@ -14,6 +14,7 @@ from data_tools.bop import Models, read_results
 from data_tools.bop.files import read_json, read_number
 from data_tools.views import Dataset, ModelSet
 from posecore.arrays import fail
+from posecore.cameras import require_intrinsics
 from posecore.methods.notes import note
 from posecore.metrics.pose_table import PoseTable
 
@@ -68,6 +69,9 @@ def _from_dataset(options: argparse.Namespace, kind: str) -> Truth:
     others = None
     if options.targets:
         others = _without(dataset.ground_truth(targets_only=False), poses)
+    for scene, image in dict.fromkeys(poses.images):
+        where = f"{options.ground_truth}: scene {scene}, image {image}: K"
+        require_intrinsics(where, dataset.camera(scene, image).K)
     K = np.reshape([dataset.camera(*image).K for image in poses.images], (-1, 3, 3))
     models = Models(options.models) if options.models else dataset.models()
     return Truth(poses, dataset.images, models, K, _width_of(dataset, kind), others)

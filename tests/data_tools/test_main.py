@@ -79,6 +79,15 @@ def test_check_of_all_splits(cache, capsys):
     ]
 
 
+def test_what_does_not_fit_into_memory_is_a_line(monkeypatch, capsys):
+    def no_room(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr("data_tools.views.open", no_room)
+    assert main(["show", "bop:x"]) == 1
+    assert capsys.readouterr().err == "error: not enough memory\n"
+
+
 def test_show(cache, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["show", "tabletop", "--count", "3", "--first", "8"]) == 0
@@ -122,6 +131,11 @@ def test_export_and_back(cache, tmp_path, capsys):
     assert main(["export", str(folder)]) == 1
     assert capsys.readouterr().err.startswith("error: path: expected a new or an empty folder")
     assert main(["show", f"bop:{folder}", "--split", "test", "--output", f"{tmp_path}/a.png"]) == 0
+    picture = next((folder / "test").rglob("rgb/*.png"))
+    before = picture.read_bytes()
+    assert main(["show", f"bop:{folder}", "--split", "test", "--output", str(picture)]) == 1
+    assert "error: --output: expected a file that is none of" in capsys.readouterr().err
+    assert picture.read_bytes() == before
 
 
 BAD = [

@@ -441,6 +441,16 @@ def test_cameras_that_cannot_be(files, capsys, name, value, message):
     assert message in capsys.readouterr().err
 
 
+def test_a_camera_of_a_dataset_that_cannot_be(dataset, capsys):
+    path = dataset / "test" / "000001" / "scene_camera.json"
+    content = json.loads(path.read_text())
+    content["2"]["cam_K"][0] = 0
+    path.write_text(json.dumps(content))
+    assert main(["evaluate", str(dataset / "est.csv"), f"bop:{dataset}"]) == 2
+    err = capsys.readouterr().err
+    assert f"error: bop:{dataset}: scene 1, image 2: K: expected [[fx, s, cx]" in err
+
+
 @pytest.mark.parametrize("value", [2**70, 10**18, 10**4500], ids=["2**70", "10**18", "10**4500"])
 def test_ids_that_fit_nowhere(dataset, capsys, value):
     path = dataset / "test" / "000001" / "scene_gt.json"

@@ -173,7 +173,9 @@ def test_several_sensors(tree):
     shutil.rmtree(tree.path / "test/000012")
     del tree.json["test/000012/scene_camera"], tree.json["test_targets"]
     with_sensors(tree)
-    with pytest.raises(ValueError, match="sensor: expected one of cam1, cam2, got None"):
+    with pytest.raises(
+        ValueError, match="one of cam1, cam2, such as split 'test:cam1' has, got None"
+    ):
         BopDataset(tree.path, "test")
     with pytest.raises(ValueError, match="sensor: expected one of cam1, cam2, got 'cam3'"):
         BopDataset(tree.path, "test", sensor="cam3")
