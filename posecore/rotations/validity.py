@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -9,6 +11,9 @@ from torch import Tensor
 from posecore.arrays import Array, array_function, fail, require_number, values_known
 
 __all__ = ["is_rotation", "require_rotation", "rotation_defect"]
+
+FEW = 512  # matrices up to which fewer calls count for more than fewer passes over memory
+BLOCK = 2**15  # of more matrices so many at once: few enough to stay in a processor's cache
 
 
 @array_function(R="... 3 3")
@@ -57,6 +62,10 @@ def require_rotation(name: str, R: Array, tolerance: float = 1e-3) -> None:
     if not values_known():
         return
     with torch.autocast(matrices.device.type, enabled=False):
+        if many(matrices):
+            off = [departure(entries(block)) for block in blocks(matrices)]
+            if surely_rotations(off, tolerance):
+                return
         defect, determinant = _defect(matrices), _determinant(matrices)
     bad = ~((defect <= tolerance) & (determinant > 0))  # true for NaN as well
     if not bool(bad.any()):
@@ -80,6 +89,61 @@ def _to_matrices(name: str, R: Array) -> Tensor:
     if R.shape[-2:] != (3, 3):
         fail(name, "rotation matrices, shape (..., 3, 3)", f"shape {tuple(R.shape)}")
     return R.detach()
+
+
+def many(R: Tensor) -> bool:
+    """Whether there are so many matrices that they are best taken apart into `entries`."""
+    return R.numel() > 9 * FEW and R.is_floating_point()
+
+
+def blocks(R: Tensor) -> tuple[Tensor, ...]:
+    """Matrices (..., 3, 3) one after the other, (n, 3, 3) at a time."""
+    return R.reshape(-1, 3, 3).split(BLOCK)
+
+
+def entries(R: Tensor) -> list[tuple[Tensor, ...]]:
+    """The entries of matrices (..., 3, 3), row by row, as nine tensors (...).
+
+    Each lies together in memory. Passes over them are several times as fast as products and sums
+    over dimensions of three.
+    """
+    apart = R.movedim((-2, -1), (0, 1)).contiguous()
+    return [row.unbind(0) for row in apart.unbind(0)]
+
+
+def departure(rows: list[tuple[Tensor, ...]]) -> Tensor:
+    """How far matrices, given by their `entries`, are off what defines a rotation by its rows.
+
+    Two are unit vectors at right angles, the third is their cross product. This takes half as many
+    passes over memory as `R R^T` and the determinant.
+
+    Returns:
+        The largest difference from 1 of a squared length, from 0 of the product of the two rows,
+        and of an entry of the third row from that of the cross product.
+    """
+    first, second, third = rows
+    ones = [*dot(first, first).aminmax(), *dot(second, second).aminmax()]
+    zeros = [*dot(first, second).aminmax()]
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        rest = torch.addcmul(third[i], first[k], second[j])
+        zeros += rest.addcmul_(first[j], second[k], value=-1).aminmax()
+    return torch.maximum((torch.stack(ones) - 1).abs().amax(), torch.stack(zeros).abs().amax())
+
+
+def surely_rotations(departures: list[Tensor], tolerance: float) -> bool:
+    """Whether matrices are rotations to a tolerance beyond doubt; if not, they may be all the same.
+
+    With a `departure` of at most e <= 0.1, the entries of `R R^T` are off by at most 6 e + 8 e^2,
+    which is less than 8 e, and the determinant is positive.
+    """
+    # The roundings of a departure come to less than four of those of a number near 1.
+    limit = min(tolerance / 8, 0.1) - 4 * torch.finfo(departures[0].dtype).eps
+    return bool((torch.stack(departures) <= limit).all())  # False for NaN as well
+
+
+def dot(u: Sequence[Tensor], v: Sequence[Tensor]) -> Tensor:
+    """The products of vectors whose components are given one by one."""
+    return (u[0] * v[0]).addcmul_(u[1], v[1]).addcmul_(u[2], v[2])
 
 
 def _defect(R: Tensor) -> Tensor:

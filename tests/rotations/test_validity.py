@@ -69,6 +69,21 @@ def test_require_agrees_with_is_rotation(M: np.ndarray) -> None:
                 require_rotation("R", R)
 
 
+@given(st.integers(0, 10**6), st.floats(-8, 0), st.sampled_from([1e-12, 1e-7, 1e-3, 0.3, 2, 1e9]))
+def test_require_of_many_agrees_with_is_rotation(seed: int, size: float, tolerance: float) -> None:
+    # Many matrices are looked at in another way first.
+    rng = np.random.default_rng(seed)
+    R = np.tile(Rotation.random(600, rng=rng).as_matrix(), (2, 1, 1))
+    R[700] += 10**size * rng.normal(size=(3, 3))
+    R[800] *= rng.choice([-1, 1])
+    for some in (R, R.astype(np.float32)):
+        kept = some[is_rotation(some, tolerance)]
+        require_rotation("R", torch.from_numpy(kept), tolerance)
+        if len(kept) < len(some):
+            with pytest.raises(ValueError, match=rf"^R: .* {len(some) - len(kept)} of 1200"):
+                require_rotation("R", torch.from_numpy(some), tolerance)
+
+
 @pytest.mark.parametrize(
     "R",
     [
