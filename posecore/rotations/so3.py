@@ -9,7 +9,14 @@ from torch import Tensor
 from posecore.arrays import Array, array_function, fail, require_integer, values_known
 from posecore.rotations.conversions import quaternion_to_matrix
 from posecore.rotations.procrustes import special_procrustes
-from posecore.rotations.validity import require_rotation
+from posecore.rotations.validity import (
+    blocks,
+    departure,
+    entries,
+    many,
+    require_rotation,
+    surely_rotations,
+)
 
 __all__ = ["geodesic_distance", "hat", "mean_rotation", "random_rotations", "vee"]
 
@@ -60,6 +67,11 @@ def geodesic_distance(R_1: Array, R_2: Array) -> Array:
     Raises:
         ValueError: if one is not a rotation to 1e-3; its angle would depend on the formula.
     """
+    taped = torch.is_grad_enabled() and (R_1.requires_grad or R_2.requires_grad)
+    if R_1.shape == R_2.shape and many(R_1) and values_known() and not taped:
+        angles, sure = _angles_of_many(R_1, R_2)
+        if sure:
+            return angles
     require_rotation("R_1", R_1)
     require_rotation("R_2", R_2)
     return relative_angle(R_1, R_2)
@@ -68,10 +80,32 @@ def geodesic_distance(R_1: Array, R_2: Array) -> Array:
 def relative_angle(R_1: Tensor, R_2: Tensor) -> Tensor:
     """`geodesic_distance` of matrices that have been checked."""
     R_1, R_2 = torch.broadcast_tensors(R_1, R_2)
-    # Both in terms of rows, which is several times as fast as the product of many small matrices.
-    sine = torch.linalg.vector_norm(torch.linalg.cross(R_1, R_2).sum(-2), dim=-1) / 2
-    cosine = ((R_1 * R_2).sum((-2, -1)) - 1) / 2
-    return torch.atan2(sine, cosine)
+    # Both in terms of rows, which is several times as fast as the product of many small matrices,
+    # and both doubled.
+    first, second, third = torch.linalg.cross(R_1, R_2).unbind(-2)
+    sine = torch.linalg.vector_norm(first + second + third, dim=-1)
+    return torch.atan2(sine, (R_1 * R_2).sum((-2, -1)) - 1)
+
+
+def _angles_of_many(R_1: Tensor, R_2: Tensor) -> tuple[Tensor, bool]:
+    """What `relative_angle` gives, and whether all of them are surely angles of rotations.
+
+    Entry by entry, which is faster forwards, but would be a long way back for gradients.
+    """
+    angles, departures = [], []
+    for pair in zip(blocks(R_1), blocks(R_2), strict=True):
+        one, two = (entries(R) for R in pair)
+        departures += [departure(one), departure(two)]
+        vector = []
+        for j, k in ((1, 2), (2, 0), (0, 1)):
+            # Products and sums as `torch.linalg.cross` rounds them.
+            first, second, third = (
+                (b[j] * a[k]).addcmul_(b[k], a[j], value=-1) for a, b in zip(one, two, strict=True)
+            )
+            vector.append(first.add_(second).add_(third))
+        sine = torch.linalg.vector_norm(torch.stack(vector, -1), dim=-1)
+        angles.append(torch.atan2(sine, (pair[0] * pair[1]).sum((-2, -1)) - 1))
+    return torch.cat(angles).reshape(R_1.shape[:-2]), surely_rotations(departures, 1e-3)
 
 
 @array_function(R="... N 3 3", weights="... N")

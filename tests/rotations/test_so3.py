@@ -125,6 +125,34 @@ def test_distance_gradient_is_finite_near_both_ends(dtype: torch.dtype) -> None:
     assert first.grad.abs().max() < 10
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_distances_of_many_are_those_of_few(dtype: torch.dtype) -> None:
+    axis = np.array([0.6, 0, -0.8])
+    near = np.concatenate([10.0 ** -np.arange(300), np.pi - 10.0 ** -np.arange(300)])
+    turns = Rotation.from_rotvec(near[:, None] * axis).as_matrix()
+    one = random_rotations(2, 600, generator=4, dtype=dtype)
+    two = torch.stack([random_rotations(600, generator=5, dtype=dtype), one[1]])
+    two[1] @= torch.from_numpy(turns).to(dtype)
+    together = geodesic_distance(one, two)
+    pairs = zip(one.view(-1, 3, 3), two.view(-1, 3, 3), strict=True)
+    apart = [geodesic_distance(a, b) for a, b in pairs]
+    rounding = 4 * torch.finfo(dtype).eps
+    assert torch.allclose(together, torch.stack(apart).view(2, 600), rtol=rounding, atol=0)
+    taped = geodesic_distance(one.clone().requires_grad_(), two)
+    assert torch.allclose(together, taped, rtol=rounding, atol=0)
+
+
+def test_one_bad_matrix_among_many_is_refused() -> None:
+    R = random_rotations(2, 600, generator=6).double()
+    for bad in (-R[1, 99], 1.001 * R[1, 99], R[1, 99] + 1e-3, R[1, 99] * 0):
+        other = R.clone()
+        other[1, 99] = bad
+        with pytest.raises(ValueError, match=r"^R_2: .* 1 of 1200 .*index \(1, 99\)"):
+            geodesic_distance(R, other)
+        with pytest.raises(ValueError, match=r"^R_1: .* 1 of 1200 .*index \(1, 99\)"):
+            geodesic_distance(other, R)
+
+
 def test_distance_broadcasts() -> None:
     R = Rotation.random(6, random_state=4).as_matrix()
     table = geodesic_distance(R[:, None], R)
