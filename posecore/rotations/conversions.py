@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from posecore.arrays import Array, array_function, fail, values_known
-from posecore.rotations.validity import require_rotation
+from posecore.rotations.validity import entries, require_rotation
 
 __all__ = [
     "axis_angle_to_matrix",
@@ -77,15 +77,21 @@ def matrix_to_quaternion(R: Array) -> Array:
         Shepperd 1978, "Quaternion from Rotation Matrix".
     """
     require_rotation("R", R)
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = (row.unbind(-1) for row in R.unbind(-2))
-    w_times = [1 + xx + yy + zz, zy - yz, xz - zx, yx - xy]
-    x_times = [zy - yz, 1 + xx - yy - zz, xy + yx, xz + zx]
-    y_times = [xz - zx, xy + yx, 1 - xx + yy - zz, yz + zy]
-    z_times = [yx - xy, xz + zx, yz + zy, 1 - xx - yy + zz]
-    products = torch.stack([*w_times, *x_times, *y_times, *z_times], -1).unflatten(-1, (4, 4))
-    largest = products.diagonal(dim1=-2, dim2=-1).argmax(-1)
-    row = torch.take_along_dim(products, largest[..., None, None], -2)[..., 0, :]
-    return _standard_sign(row / torch.linalg.vector_norm(row, dim=-1, keepdim=True))
+    (r_xx, r_xy, r_xz), (r_yx, r_yy, r_yz), (r_zx, r_zy, r_zz) = entries(R)
+    # Four times the products.
+    ww, xx = 1 + r_xx + r_yy + r_zz, 1 + r_xx - r_yy - r_zz
+    yy, zz = 1 - r_xx + r_yy - r_zz, 1 - r_xx - r_yy + r_zz
+    wx, wy, wz = r_zy - r_yz, r_xz - r_zx, r_yx - r_xy
+    xy, xz, yz = r_xy + r_yx, r_xz + r_zx, r_yz + r_zy
+    # The largest of four, the first of equal ones: of w and x, of y and z, and of these two.
+    x_wins, z_wins = xx > ww, zz > yy
+    late = torch.where(z_wins, zz, yy) > torch.where(x_wins, xx, ww)
+    row = [
+        torch.where(late, torch.where(z_wins, z, y), torch.where(x_wins, x, w))
+        for w, x, y, z in ((ww, wx, wy, wz), (wx, xx, xy, xz), (wy, xy, yy, yz), (wz, xz, yz, zz))
+    ]
+    q = torch.stack(row, -1)
+    return _standard_sign(q / torch.linalg.vector_norm(q, dim=-1, keepdim=True))
 
 
 @array_function(p="... 4", q="... 4")
@@ -252,7 +258,9 @@ def _at(bad: Tensor) -> str:
 
 def _standard_sign(q: Tensor) -> Tensor:
     """Of q and -q, the one whose first component that is not zero is positive."""
-    return q * (q.sign() * q.new_tensor([8, 4, 2, 1])).sum(-1, keepdim=True).sign()
+    w, x, y, z = q.detach().unbind(-1)
+    first = torch.where(w != 0, w, torch.where(x != 0, x, torch.where(y != 0, y, z)))
+    return q * first.sign()[..., None]
 
 
 def _sine_over_angle(squared: Tensor) -> Tensor:
