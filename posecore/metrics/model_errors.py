@@ -26,7 +26,7 @@ from posecore.rotations import rotation_defect
 __all__ = ["add", "add_s", "mspd", "mssd", "projection_2d"]
 
 POSES = {"R_est": "... 3 3", "t_est": "... 3", "R_gt": "... 3 3", "t_gt": "... 3"}
-MEMORY = 4_000_000  # points posed at once: bounds the memory of large batches to some 100 MB
+MEMORY = 1_000_000  # points posed at once: some 25 MB each time, which is used again and again
 
 
 @array_function(**POSES, points="... N 3")
