@@ -162,16 +162,25 @@ def test_interpolation_and_its_derivative(benchmark: Callable, library: str) -> 
     assert torch.isfinite(gradient).all()
 
 
+@pytest.mark.usefixtures("one_core")
+@pytest.mark.parametrize("what", ["rows", "sum"])
 @pytest.mark.parametrize("library", ["posecore", "indexing"])
-def test_gathering_and_its_derivative(benchmark: Callable, library: str) -> None:
-    benchmark.group = f"gathering forward and backward, {B} x 512 x 16 of 1024 points, 128 channels"
+def test_gathering_and_its_derivative(benchmark: Callable, library: str, what: str) -> None:
+    """With a gradient for every number, as a layer gives it, and with one for all, of their sum."""
+    benchmark.group = (
+        f"gathering forward and backward of {what}, {B} x 512 x 16 of 1024 points, 128 channels"
+    )
     generator = torch.Generator().manual_seed(0)
     indices = torch.randint(0, 1024, (B, 512, 16), generator=generator)
     values = torch.randn(B, 1024, 128, generator=generator).requires_grad_()
     cloud = torch.arange(B)[:, None, None]
     function = {"posecore": clouds.gather_points, "indexing": lambda v, i: v[cloud, i]}[library]
-    (gradient,) = benchmark(lambda: torch.autograd.grad(function(values, indices).sum(), values))
-    assert torch.isfinite(gradient).all()
+    above = torch.randn(B, 512, 16, 128, generator=generator)
+    if what == "sum":
+        above = torch.ones(()).expand(above.shape)
+    (gradient,) = benchmark(lambda: torch.autograd.grad(function(values, indices), values, above))
+    expected = torch.autograd.grad(values[cloud, indices], values, above)[0]
+    assert torch.equal(gradient, expected)
 
 
 @pytest.mark.parametrize("library", ["posecore"])

@@ -1,4 +1,4 @@
-"""ADD-S of many poses beside the loop that evaluation scripts write."""
+"""ADD-S of many poses beside the loop that evaluation scripts write, on one core."""
 
 import numpy as np
 import pytest
@@ -29,6 +29,7 @@ def loop(R_est, t_est, R_gt, t_gt, points):
     return np.array(errors)
 
 
+@pytest.mark.usefixtures("one_core")
 @pytest.mark.parametrize("function", [metrics.add_s, loop], ids=["posecore", "scipy loop"])
 def test_add_s(benchmark, request, case, function):
     spread = request.node.callspec.params["case"]

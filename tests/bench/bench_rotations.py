@@ -1,6 +1,8 @@
 """How fast rotations are beside RoMa. Run with `pytest -n 0 tests/bench/bench_*.py`.
 
-RoMa solves Procrustes by a quartic in float64 ("horn", its default) or by LAPACK ("svd").
+`--benchmark-timer=time.process_time` counts the time of this process alone, on a machine that
+others use too. RoMa solves Procrustes by a quartic in float64 ("horn", its default) or by LAPACK
+("svd").
 """
 
 from collections.abc import Callable
@@ -72,6 +74,7 @@ def test_quaternion_to_matrix(benchmark: Callable, library: str) -> None:
     assert torch.allclose(R, quaternion_to_matrix(q), atol=1e-5)
 
 
+@pytest.mark.usefixtures("one_core")
 @pytest.mark.parametrize("library", TO_QUATERNION)
 def test_matrix_to_quaternion(benchmark: Callable, library: str) -> None:
     benchmark.group = f"matrix to quaternion, {N}, float32"
@@ -80,6 +83,7 @@ def test_matrix_to_quaternion(benchmark: Callable, library: str) -> None:
     assert torch.allclose(quaternion_to_matrix(q), R, atol=1e-5)
 
 
+@pytest.mark.usefixtures("one_core")
 @pytest.mark.parametrize("library", DISTANCE)
 def test_distance(benchmark: Callable, library: str) -> None:
     benchmark.group = f"geodesic distance, {N}, float32"
