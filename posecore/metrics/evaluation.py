@@ -136,13 +136,14 @@ def evaluate(
     for object_id in wanted:
         rows = ground_truth.object_id == object_id
         try:
-            result[object_id] = _measure(
-                estimates[estimates.object_id == object_id],
-                ground_truth[rows],
-                models.get(object_id),
-                None if K is None else K[rows],
-                None if others is None else others[others.object_id == object_id],
-            )
+            with model_errors.threads_for_searches():
+                result[object_id] = _measure(
+                    estimates[estimates.object_id == object_id],
+                    ground_truth[rows],
+                    models.get(object_id),
+                    None if K is None else K[rows],
+                    None if others is None else others[others.object_id == object_id],
+                )
         except ValueError as error:
             raise ValueError(f"object {object_id}: {error}") from error
     return result

@@ -10,8 +10,10 @@ homogeneous matrices (S, 4, 4) that include the identity; the error is then that
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 
 import numpy as np
 import torch
@@ -23,10 +25,30 @@ from posecore.arrays import Array, array_function, fail, require_choice, somewhe
 from posecore.metrics import motions
 from posecore.rotations import rotation_defect
 
-__all__ = ["add", "add_s", "mspd", "mssd", "projection_2d"]
+__all__ = ["add", "add_s", "mspd", "mssd", "projection_2d", "threads_for_searches"]
 
 POSES = {"R_est": "... 3 3", "t_est": "... 3", "R_gt": "... 3 3", "t_gt": "... 3"}
 MEMORY = 1_000_000  # points posed at once: some 25 MB each time, which is used again and again
+SEARCHERS: ContextVar[int | None] = ContextVar("SEARCHERS", default=None)
+
+
+@contextlib.contextmanager
+def threads_for_searches() -> Iterator[None]:
+    """Within it only the searches of ADD-S use several threads, as many as PyTorch else may.
+
+    PyTorch's own share the work of every single operation and wait for each other by spinning. Of
+    operations that are over in a millisecond this gains little on free cores, and on cores that
+    others use too it takes a multiple of the time of one thread. A search takes long and shares
+    nothing. With one thread sums are also taken in the same order whatever the number.
+    """
+    threads = torch.get_num_threads()
+    token = SEARCHERS.set(threads)
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+        SEARCHERS.reset(token)
 
 
 @array_function(**POSES, points="... N 3")
@@ -123,7 +145,8 @@ def _tree(cloud: Tensor) -> cKDTree:
 def _nearest_distance(queries: Tensor, cloud: Tensor, tree: cKDTree) -> Tensor:
     """From each of `queries` (B, M, 3) to the nearest point of `cloud` (N, 3): (B, M)."""
     # As many threads as PyTorch may have: who gives it one core means that core.
-    _, index = tree.query(queries.detach().cpu().numpy(), workers=torch.get_num_threads())
+    workers = SEARCHERS.get() or torch.get_num_threads()
+    _, index = tree.query(queries.detach().cpu().numpy(), workers=workers)
     index = np.minimum(index, len(cloud) - 1)  # SciPy names no point whose distance overflows
     # Measured again, so that gradients flow and the precision is that of the input.
     return (queries - cloud[torch.from_numpy(index).to(cloud.device)]).norm(dim=-1)

@@ -48,10 +48,7 @@ def case():
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_evaluate(benchmark, case, threads):
-    """A minute holds for wall time; `OMP_WAIT_POLICY=PASSIVE` before it for a second thread.
-
-    Threads of OpenMP that wait for each other else do it in busy loops, on cores that others want.
-    """
+    """A minute is meant on a machine with nothing else to do."""
     benchmark.group = f"evaluate, {POSES} poses of {OBJECTS} objects"
     estimates, truth, models = case
     before = torch.get_num_threads()

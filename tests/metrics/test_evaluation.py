@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -297,6 +298,25 @@ def test_all_true_poses_behind_the_camera():
     assert (report.RECALL, "MSPD") not in lines
     assert (report.MEDIAN, "2D projection, px") not in lines
     assert lines[report.RECALL, "MSSD"] == 0
+
+
+def test_threads_change_no_number_and_are_left_as_they_were():
+    before = torch.get_num_threads()
+    turned = replace(TRUTH, t=TRUTH.t + 0.01)
+    found = {}
+    try:
+        for threads in (1, 3):
+            torch.set_num_threads(threads)
+            found[threads] = evaluation.evaluate(turned, TRUTH, {7: model(True), 8: model()}, K)
+            assert torch.get_num_threads() == threads
+            with pytest.raises(ValueError):
+                evaluation.evaluate(turned, TRUTH, {7: replace(model(), points=np.zeros((0, 3)))})
+            assert torch.get_num_threads() == threads
+    finally:
+        torch.set_num_threads(before)
+    for one, three in zip(found[1].values(), found[3].values(), strict=True):
+        assert one.errors.keys() == three.errors.keys()
+        assert all(np.array_equal(one.errors[name], three.errors[name]) for name in one.errors)
 
 
 @pytest.mark.parametrize("far", [1e155, 1e300])
