@@ -11,7 +11,7 @@ import hashlib
 import io
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from torch import Tensor, nn
 
 from posecore.arrays import fail
 from posecore.files import write_bytes
+from posecore.training.origins import Part, difference
 
 __all__ = ["Checkpoints"]
 
@@ -36,7 +37,11 @@ class Checkpoints:
         settings: what a run must have in common with the one that it goes on from.
         model: whose weights are kept.
         parts: what else goes on, by name; each has `state_dict` and `load_state_dict`.
-        writes: whether `save` does anything; of several processes only one may.
+        origins: gives what the run is made from (`origins.origins`). What comes out otherwise
+            while the run goes on is state, and counts no more. A run of before such were kept is
+            taken as it is.
+        writes: whether `save` does anything; of several processes only one may, and only it looks
+            at the origins.
     """
 
     def __init__(
@@ -46,13 +51,15 @@ class Checkpoints:
         model: nn.Module,
         parts: Mapping[str, Any],
         *,
+        origins: Callable[[], Mapping[str, Part]] = dict,
         writes: bool = True,
     ) -> None:
         if folder is not None and Path(folder).exists() and not Path(folder).is_dir():
             fail("resume", "a folder", f"the file {str(folder)!r}")
         self.folder = None if folder is None else Path(folder)
         self.settings, self.model, self.parts = dict(settings), model, dict(parts)
-        self.writes = writes
+        self.writes, self._origins_now = writes, origins
+        self.origins = dict(origins()) if writes and folder is not None else {}
 
     def save(self, step: int) -> None:
         """Write the checkpoint after so many steps; those before it stay until it is whole.
@@ -71,7 +78,11 @@ class Checkpoints:
             }
         )
         state = {name: part.state_dict() for name, part in self.parts.items()}
-        state |= {"settings": self.settings, "weights": hashlib.sha256(weights).hexdigest()}
+        state |= {
+            "settings": self.settings,
+            "origins": self._constant_origins() if step else self.origins,
+            "weights": hashlib.sha256(weights).hexdigest(),
+        }
         buffer = io.BytesIO()
         torch.save(state, buffer)
         data = buffer.getvalue()
@@ -93,7 +104,8 @@ class Checkpoints:
             After how many steps that was; 0 also where there is no checkpoint.
 
         Raises:
-            ValueError: if it belongs to a run with other settings; the message names the first.
+            ValueError: if it belongs to a run with other settings, or has been trained with another
+                loss, other data or another schedule; the message names the first.
         """
         for step in self._steps():
             try:
@@ -104,6 +116,8 @@ class Checkpoints:
             self._require_same(state["settings"])
             if step == again_after:
                 break
+            if step:  # before the first step nothing has been made of them
+                self._require_same_origins(state.get("origins"))
             try:
                 self.model.load_state_dict(weights)
             except RuntimeError as error:
@@ -130,6 +144,19 @@ class Checkpoints:
             ours, theirs = self.settings.get(name, "absent"), found.get(name, "absent")
             if ours != theirs:
                 fail("resume", f"a run with {name} {ours}, as now", f"{theirs} in {self.folder}")
+
+    def _require_same_origins(self, found: Mapping[str, Part] | None) -> None:
+        if self.origins and found is not None:
+            if name := difference(found, self.origins):
+                got = f"one of another in {self.folder}; a new folder begins anew"
+                fail("resume", f"a run of the same {name}", got)
+            self.origins = {name: part for name, part in self.origins.items() if name in found}
+
+    def _constant_origins(self) -> dict[str, Part]:
+        """Those that are still as they were when the run began."""
+        now = self._origins_now()
+        self.origins = {name: part for name, part in self.origins.items() if now.get(name) == part}
+        return self.origins
 
     def _files(self, step: int) -> tuple[Path, Path]:
         return (

@@ -27,6 +27,7 @@ from posecore.training.machine import (
     each_tensor,
     uses_bfloat16,
 )
+from posecore.training.origins import Part, origins
 from posecore.training.randomness import reseed, seeded
 
 __all__ = ["SCHEDULES", "fit"]
@@ -112,7 +113,8 @@ def fit(
         evaluate_every: steps from one to the next; by default only at the end. It is always
             called at the end.
         resume: a folder for checkpoints. A run that was stopped there goes on; a finished one is
-            loaded, or with POSECORE_RETRAIN=1 made again. One run at a time.
+            loaded, or with POSECORE_RETRAIN=1 made again. One of another loss, other data or
+            another schedule is refused, as far as `origins` tells them apart. One run at a time.
         save_seconds: from one checkpoint to the next; what a kill, or the stop button, may cost.
         recipe: what else a resumed run must have in common with its beginning, by name; values
             are compared as texts.
@@ -122,8 +124,9 @@ def fit(
         The curves, those of the parts before an interruption among them.
 
     Raises:
-        ValueError: for an argument that cannot be; if `resume` holds a run with other settings; at
-            a loss or gradient that is not finite, naming the step. The checkpoints of before stay.
+        ValueError: for an argument that cannot be; if `resume` holds a run with other settings, or
+            of another loss or other data; at a loss or gradient that is not finite, naming the
+            step. The checkpoints of before stay.
         OSError: if a checkpoint cannot be written; those of before stay.
     """
     steps = require_integer("steps", steps, 1)
@@ -151,10 +154,15 @@ def fit(
         "model": model, "loss": loss, **(recipe or {}),
     }  # fmt: skip
 
+    def made_from() -> dict[str, Part]:
+        return origins(loss, "loss") | origins(batches, "batches") | origins(factor, "schedule")
+
     with seeded(seed):
         run = {"optimiser": descent, "batches": feed, "history": history}
         writes = processes.rank == 0
-        checkpoints = Checkpoints(resume, _texts(settings), model, run, writes=writes)
+        checkpoints = Checkpoints(
+            resume, _texts(settings), model, run, origins=made_from, writes=writes
+        )
         start = checkpoints.load(again_after=steps if retrain() else None)
         objective: nn.Module = _Objective(model, loss)
         if processes.count > 1:

@@ -14,6 +14,7 @@ import sys
 import threading
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import torch
 import torch._dynamo  # which optimisers import when they begin; here, once for all forks
@@ -100,12 +101,12 @@ def train(folder, save_seconds=0.0):
 
 # Dying -------------------------------------------------------------------------------------------
 
-seen, moment = Counter(), ("never", "1")
+seen, death = Counter(), SimpleNamespace(event="never", time="1")  # none of the loss's origins
 
 
 def happens(event):
     seen[event] += 1
-    if (event, str(seen[event])) == moment:
+    if (event, str(seen[event])) == (death.event, death.time):
         die()
 
 
@@ -115,10 +116,9 @@ def die():
 
 def run(folder, words):
     """One run in this process, killed at the moment that the words say."""
-    global moment
-    moment = tuple(words.split(":"))
-    if moment[0] == "timer":
-        threading.Timer(float(moment[1]), die).start()
+    death.event, death.time = words.split(":")
+    if death.event == "timer":
+        threading.Timer(float(death.time), die).start()
     rename, sync, unlink = os.replace, os.fsync, Path.unlink
 
     def watched_rename(old, new):
@@ -127,7 +127,7 @@ def run(folder, words):
         happens("after rename")
 
     def watched_sync(descriptor):
-        if (name := "half written") == moment[0] and str(seen[name] + 1) == moment[1]:
+        if (name := "half written") == death.event and str(seen[name] + 1) == death.time:
             os.ftruncate(descriptor, os.fstat(descriptor).st_size // 2)
         happens("half written")
         sync(descriptor)

@@ -121,6 +121,9 @@ class RefinerTraining:
         fields: of all entries.
         entry: (S,) int64 those with a true pose.
         R, t, camera: (S, 3, 3), (S, 3), (S, 3, 3) float32, their true poses and cameras.
+        made_from: what tells `fit` this training from others (`posecore.training.origins`). The
+            network is named by its digest (`weights_digest`); its fields, which rounding moves
+            across thresholds, differ from one machine to the next.
 
     Raises:
         ValueError: naming an argument that cannot be, or if nothing is left to learn from.
@@ -139,6 +142,7 @@ class RefinerTraining:
     ) -> None:
         models = require_models(models)
         self.size = require_integer("size", size, 1)
+        self.made_from = {"size": size, "rotation": rotation, "lateral": lateral, "depth": depth}
         self.sizes = {
             "rotation": require_number("rotation", rotation, 0, math.pi),
             "lateral": require_number("lateral", lateral, 0),
