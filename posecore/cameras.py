@@ -20,6 +20,7 @@ from posecore.arrays import (
     require_choice,
     require_integer,
     somewhere,
+    values_known,
 )
 
 __all__ = [
@@ -49,6 +50,8 @@ def require_intrinsics(name: str, K: Array) -> None:
     matrices = _to_tensor(name, K)
     if matrices.shape[-2:] != (3, 3):
         fail(name, "camera matrices, shape (..., 3, 3)", f"shape {tuple(matrices.shape)}")
+    if not values_known():
+        return
     focal = matrices[..., [0, 1], [0, 1]]
     rest = matrices[..., [1, 2, 2, 2], [0, 0, 1, 2]]
     good = (focal != 0).all(-1) & (rest == rest.new_tensor([0, 0, 0, 1])).all(-1)
@@ -83,7 +86,9 @@ def project(K: Array, points: Array, behind: str = "refuse") -> Array:
         fail("points", "z > 0 everywhere", f"{int(hidden.sum())} of {hidden.numel()} with z <= 0")
     # The centre is added last: far off the axis the quotient may be infinite, but never NaN.
     scaled = points[..., :2] @ K[..., :2, :2].mT
-    pixels = scaled / torch.where(hidden, torch.ones_like(z), z) + K[..., None, :2, 2]
+    # A depth that has overflowed would bring all to the centre: there is no such pixel.
+    z = torch.where(hidden, torch.ones_like(z), torch.where(torch.isinf(z), torch.nan, z))
+    pixels = scaled / z + K[..., None, :2, 2]
     return pixels.masked_fill(hidden, torch.inf)
 
 
@@ -222,8 +227,10 @@ def _lift(x: Tensor, y: Tensor, z: Tensor, K: Tensor) -> Tensor:
 
 
 def _require_depth(depth: Tensor) -> None:
-    if somewhere(depth < 0):
-        fail("depth", "no value below 0", f"{int((depth < 0).sum())} of {depth.numel()} below 0")
+    wrong = ~(depth >= 0)  # true for NaN as well
+    if somewhere(wrong):
+        got = f"{int(wrong.sum())} of {depth.numel()} below 0 or no number"
+        fail("depth", "no value below 0", got)
 
 
 def _require_size(name: str, size: Sequence[int]) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posecore.arrays import Array, array_function, fail
+from posecore.arrays import Array, array_function, fail, somewhere
 from posecore.rotations import require_rotation
 
 __all__ = ["apply", "compose", "from_matrix", "invert", "relative", "to_matrix"]
@@ -103,7 +103,7 @@ def from_matrix(T: Array) -> tuple[Array, Array]:
         ValueError: if the last row is not 0 0 0 1.
     """
     last = T.new_tensor([0.0, 0.0, 0.0, 1.0])
-    if not bool((T[..., 3, :] == last).all()):
+    if somewhere(T[..., 3, :] != last):
         wrong = (T[..., 3, :] != last).any(-1)
         fail("T", "a last row 0 0 0 1", T[..., 3, :][wrong][0].tolist())
     return T[..., :3, :3].clone(), T[..., :3, 3].clone()
