@@ -28,7 +28,8 @@ def nearest_neighbours(points: Array, queries: Array, k: int = 1) -> tuple[Array
         points. The search passes no gradient, the distances do (0 where the distance is 0).
 
     Raises:
-        ValueError: if `k` is not between 1 and N.
+        ValueError: if `k` is not between 1 and N, or points are so far apart that squared distances
+            overflow.
     """
     require_integer("k", k, 1, points.shape[-2])
     points, queries = same_batch(points, queries)
@@ -55,7 +56,8 @@ def ball_query(points: Array, queries: Array, radius: float, count: int) -> Arra
         (..., M, count) int64 indices into the N points.
 
     Raises:
-        ValueError: if `radius` is not above 0 or `count` is not at least 1.
+        ValueError: if `radius` is not above 0 or `count` is not at least 1, or points are so far
+            apart that squared distances overflow.
     """
     require_number("radius", radius, above=0)
     require_integer("count", count, 1)

@@ -9,7 +9,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from posecore.arrays import Array, array_function, fail, require_choice, require_integer
+from posecore.arrays import (
+    Array,
+    array_function,
+    fail,
+    require_choice,
+    require_finite,
+    require_integer,
+    values_known,
+)
 from posecore.clouds.search import at_least_float32
 
 __all__ = ["farthest_point_sampling", "gather_points"]
@@ -35,13 +43,17 @@ def farthest_point_sampling(points: Array, count: int, start: int | str = 0) -> 
         (..., count) int64 indices into the N points, in the order of choice.
 
     Raises:
-        ValueError: if `count` is not between 1 and N, or `start` is no index and not that word.
+        ValueError: if `count` is not between 1 and N, `start` is no index and not that word, or
+            points are so far apart that squared distances overflow.
     """
     *batch, n, _ = points.shape
     require_integer("count", count, 1, n)
     # In NumPy whatever the device: a step is a few short passes over memory, and starting threads
     # or kernels for each costs more than it saves. Coordinates lie apart, one row per cloud.
-    cloud = at_least_float32(points).reshape(-1, n, 3).cpu().numpy()
+    cloud = at_least_float32(points).reshape(-1, n, 3)
+    reach = (cloud.amax(1) - cloud.amin(1)).square().sum(-1)
+    require_finite("points", reach, "points whose squared distances are finite")
+    cloud = cloud.cpu().numpy()
     xyz = np.ascontiguousarray(np.moveaxis(cloud, -1, 0))  # (3, B, N)
     squared = np.full_like(xyz[0], np.inf)  # (B, N) distance to the nearest chosen point
     indices = np.empty((count, len(squared)), dtype=np.int64)
@@ -157,7 +169,7 @@ def table(values: Tensor, indices: Tensor) -> tuple[Tensor, Tensor]:
     if list(indices.shape[: len(batch)]) != batch:
         expected = f"the batch dimensions {tuple(batch)} of the values first"
         fail("indices", expected, f"shape {tuple(indices.shape)}")
-    low, high = indices.aminmax() if indices.numel() else (0, 0)
+    low, high = indices.aminmax() if values_known() and indices.numel() else (0, 0)
     if low < 0 or high >= n:
         fail("indices", f"integers from 0 to {n - 1}", f"values from {int(low)} to {int(high)}")
     rows = values.reshape(-1, channels)

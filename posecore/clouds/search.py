@@ -17,6 +17,8 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from posecore.arrays import require_finite
+
 __all__ = ["at_least_float32", "ball_indices", "nearest_indices", "same_batch"]
 
 _BLOCK = 2**19  # distances computed at once: few enough to stay in a processor's cache
@@ -35,7 +37,13 @@ def same_batch(points: Tensor, queries: Tensor) -> tuple[Tensor, Tensor]:
     return points.expand(*batch, -1, -1), queries.expand(*batch, -1, -1)
 
 
-def nearest_indices(points: Tensor, queries: Tensor, k: int, settle_ties: bool = True) -> Tensor:
+def nearest_indices(
+    points: Tensor,
+    queries: Tensor,
+    k: int,
+    settle_ties: bool = True,
+    names: str = "points and queries",
+) -> Tensor:
     """The `k` nearest points of every query, by distance and then by index.
 
     Args:
@@ -44,13 +52,18 @@ def nearest_indices(points: Tensor, queries: Tensor, k: int, settle_ties: bool =
         k: how many, at most N.
         settle_ties: False is faster and leaves open which of equally near points is found, for
             what depends on the distance alone.
+        names: of the caller's arguments; an error begins with them.
 
     Returns:
         (..., M, k) int64.
+
+    Raises:
+        ValueError: if squared distances overflow: no point would be the nearest.
     """
     *batch, m, _ = queries.shape
     points = at_least_float32(points).reshape(-1, points.shape[-2], 3)
     queries = at_least_float32(queries).reshape(-1, m, 3)
+    _require_distances(points, queries, names)
     road = _nearest_by_trees if points.device.type == "cpu" else _nearest_by_blocks
     return road(points, queries, k, settle_ties).reshape(*batch, m, k)
 
@@ -66,10 +79,22 @@ def ball_indices(points: Tensor, queries: Tensor, radius: float, count: int) -> 
 
     Returns:
         (B, M, count) int64; -1 where a ball is empty.
+
+    Raises:
+        ValueError: if squared distances overflow.
     """
+    _require_distances(points, queries, "points and queries")
     by_trees = points.device.type == "cpu" and _balls_are_small(points, queries, radius)
     road = _balls_by_trees if by_trees else _balls_by_blocks
     return road(points, queries, radius, count)
+
+
+def _require_distances(points: Tensor, queries: Tensor, names: str) -> None:
+    """Refuse what has no squared distances, before trees and sorting take it for anything."""
+    low = torch.minimum(points.amin(1), queries.amin(1))
+    high = torch.maximum(points.amax(1), queries.amax(1))
+    reach = (high - low).square().sum(-1)
+    require_finite(names, reach, "points whose squared distances are finite")
 
 
 def _nearest_by_blocks(points: Tensor, queries: Tensor, k: int, settle_ties: bool) -> Tensor:

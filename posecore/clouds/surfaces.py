@@ -26,11 +26,14 @@ def chamfer_distance(a: Array, b: Array, squared: bool = False) -> Array:
 
     Returns:
         (...) differentiable in both clouds; the gradient is 0 where points coincide.
+
+    Raises:
+        ValueError: if points are so far apart that squared distances overflow.
     """
     a, b = same_batch(a, b)
     total = 0
     for source, target in ((a, b), (b, a)):
-        nearest = nearest_indices(target, source, 1, settle_ties=False)
+        nearest = nearest_indices(target, source, 1, settle_ties=False, names="a and b")
         distance = squared_distances_to(target, source, nearest)[..., 0]
         total = total + (distance if squared else root(distance)).mean(-1)
     return total
@@ -58,10 +61,11 @@ def estimate_normals(points: Array, k: int = 16, orient_to: Array | None = None)
         (..., N, 3) normals, without gradient.
 
     Raises:
-        ValueError: if `k` is not between 3 and N.
+        ValueError: if `k` is not between 3 and N, or points are so far apart that squared distances
+            overflow.
     """
     require_integer("k", k, 3, points.shape[-2])
-    neighbours = gather_points(points, nearest_indices(points, points, k)).double()
+    neighbours = gather_points(points, nearest_indices(points, points, k, names="points")).double()
     centred = neighbours - neighbours.mean(-2, keepdim=True)  # (..., N, k, 3)
     normals = torch.linalg.eigh(centred.mT @ centred).eigenvectors[..., 0]  # least spread first
     if orient_to is None:

@@ -12,7 +12,7 @@ import torch
 from scipy.spatial import ConvexHull, QhullError
 
 from posecore import poses
-from posecore.arrays import Array, array_function, fail, require_integer, somewhere
+from posecore.arrays import Array, array_function, fail, require_finite, require_integer, somewhere
 from posecore.rotations import axis_angle_to_matrix, require_rotation
 
 __all__ = ["box_corners", "nocs_legacy_iou", "oriented_iou_3d"]
@@ -63,12 +63,15 @@ def oriented_iou_3d(
         (...) in [0, 1], float64. Not differentiable.
 
     Raises:
-        ValueError: if a size is not positive, or R is off a rotation by more than 1e-3.
+        ValueError: if a size is not positive, or so large that the volume overflows; if R is off a
+            rotation by more than 1e-3.
     """
     require_rotation("R_1", R_1)
     require_rotation("R_2", R_2)
     _require_size("size_1", size_1, positive=True)
     _require_size("size_2", size_2, positive=True)
+    for name, x in (("t_1", t_1), ("t_2", t_2), ("size_1", size_1), ("size_2", size_2)):
+        require_finite(name, x)  # what is no number would be no overlap
     arguments = ((R_1, 2), (t_1, 1), (size_1, 1), (R_2, 2), (t_2, 1), (size_2, 1))
     batch = np.broadcast_shapes(*(x.shape[: x.ndim - core] for x, core in arguments))
     boxes = [
@@ -78,6 +81,8 @@ def oriented_iou_3d(
     with np.errstate(over="ignore"):  # boxes so far apart that the squared distance is infinite
         overlap = np.array([_intersection(*pair) for pair in zip(*boxes, strict=True)])
     volume_1, volume_2 = boxes[2].prod(-1), boxes[5].prod(-1)
+    volumes = torch.from_numpy(volume_1 + volume_2)
+    require_finite("size_1 and size_2", volumes, "boxes whose volumes are finite")
     iou = overlap / (volume_1 + volume_2 - overlap)
     return torch.from_numpy(iou.reshape(batch)).to(t_1.device)
 
@@ -159,7 +164,7 @@ def nocs_legacy_iou(
         (...) the legacy score.
 
     Raises:
-        ValueError: if a size is not positive.
+        ValueError: if a size is not positive, or so large that products of eight lengths overflow.
     """
     _require_size("size_1", size_1, positive=True)
     _require_size("size_2", size_2, positive=True)
@@ -174,6 +179,7 @@ def nocs_legacy_iou(
     shared = torch.minimum(high_1, high_2) - torch.maximum(low_1, low_2)
     overlap = torch.where((shared < 0).any(-1), 0.0, shared.prod(-1))
     union = (high_1 - low_1).prod(-1) + (high_2 - low_2).prod(-1) - overlap
+    require_finite("size_1 and size_2", union, "boxes whose products of lengths are finite")
     return (overlap / union).amax(-1)
 
 

@@ -21,13 +21,22 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from torch import Tensor
 
 from posecore import cameras, poses
-from posecore.arrays import Array, array_function, fail, require_choice, somewhere
+from posecore.arrays import (
+    Array,
+    array_function,
+    fail,
+    require_choice,
+    require_finite,
+    somewhere,
+    values_known,
+)
 from posecore.metrics import motions
 from posecore.rotations import rotation_defect
 
 __all__ = ["add", "add_s", "mspd", "mssd", "projection_2d", "threads_for_searches"]
 
 POSES = {"R_est": "... 3 3", "t_est": "... 3", "R_gt": "... 3 3", "t_gt": "... 3"}
+MOVED = "R_est, t_est, R_gt, t_gt and points"
 MEMORY = 1_000_000  # points posed at once: some 25 MB each time, which is used again and again
 SEARCHERS: ContextVar[int | None] = ContextVar("SEARCHERS", default=None)
 
@@ -99,13 +108,18 @@ def add_s(
         (...) metres.
 
     Raises:
-        ValueError: if `direction` is neither of the two.
+        ValueError: if `direction` is neither of the two, or a pose takes points so far that they
+            are no numbers.
     """
     require_choice("direction", direction, ("gt_to_est", "est_to_gt"))
+    given = {"R_est": R_est, "t_est": t_est, "R_gt": R_gt, "t_gt": t_gt, "points": points}
+    for name, values in given.items():
+        require_finite(name, values)  # a search would find something near to what is no number
     from_R, from_t, to_R, to_t = R_gt, t_gt, R_est, t_est
     if direction == "est_to_gt":
         from_R, from_t, to_R, to_t = to_R, to_t, from_R, from_t
-    if points.ndim > 2 or bool((rotation_defect(to_R) > 1e-5).any()):
+    rigid = rotation_defect(to_R) <= 1e-5  # false for NaN, where the squares overflow
+    if points.ndim > 2 or not bool(rigid.all()):
         return _over_rows(
             _mean_nearest_distance,
             (from_R, 2),
@@ -134,6 +148,7 @@ def _mean_nearest_distance(
 ) -> Tensor:
     """One row of `add_s`, as it is defined."""
     there = poses.apply(to_R, to_t, points)[0]
+    require_finite(MOVED, there, "a pose that keeps points finite")
     return _nearest_distance(poses.apply(from_R, from_t, points), there, _tree(there)).mean(-1)
 
 
@@ -144,6 +159,7 @@ def _tree(cloud: Tensor) -> cKDTree:
 
 def _nearest_distance(queries: Tensor, cloud: Tensor, tree: cKDTree) -> Tensor:
     """From each of `queries` (B, M, 3) to the nearest point of `cloud` (N, 3): (B, M)."""
+    require_finite(MOVED, queries, "a pose that keeps points finite")
     # As many threads as PyTorch may have: who gives it one core means that core.
     workers = SEARCHERS.get() or torch.get_num_threads()
     _, index = tree.query(queries.detach().cpu().numpy(), workers=workers)
@@ -263,11 +279,13 @@ def _pixel_distance(
         K: Tensor, R_est: Tensor, t_est: Tensor, R_gt: Tensor, t_gt: Tensor, points: Tensor
     ) -> Tensor:
         seen = poses.apply(R_est, t_est, points)
+        require_finite("R_est, t_est and points", seen, "a pose that keeps points finite")
         hidden = seen[..., 2] <= 0
         # Any point in front of the camera in their place, so that their gradient is 0, not NaN.
         seen = torch.where(hidden[..., None], seen.new_tensor([0.0, 0.0, 1.0]), seen)
         pixels = cameras.project(K, seen)
         there = poses.apply(R_gt, t_gt, points)
+        require_finite("R_gt, t_gt and points", there, "a pose that keeps points finite")
         behind = there[..., 2] <= 0
         if somewhere(behind):
             expected = "a ground truth in front of the camera"
@@ -288,6 +306,8 @@ def _pixel_distance(
 
 
 def _hull_vertices(points: Tensor) -> np.ndarray | slice:
+    if not values_known():
+        return slice(None)
     try:
         return ConvexHull(points.detach().cpu().numpy().astype(np.float64)).vertices
     except (QhullError, ValueError):  # too few points, or flat: every point may be extreme

@@ -145,7 +145,8 @@ def _search(gap: Gap, rows: int, motions: int, points: Tensor) -> Tensor:
         if not len(row):
             break
         some = points if count >= len(points) else points[_extremes(points, count)]
-        bound = _in_blocks(gap, row, motion, some)
+        # What overflows to no number is no promise; argmin would take it for the best.
+        bound = _in_blocks(gap, row, motion, some).nan_to_num(torch.inf, posinf=torch.inf)
         table = torch.full((rows, motions), torch.inf, dtype=bound.dtype, device=device)
         table[row, motion] = bound
         first = table.argmin(1)

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from posecore import poses
-from posecore.arrays import Array, array_function, fail, somewhere
+from posecore.arrays import Array, array_function, fail, require_finite, somewhere
 from posecore.rotations import require_rotation
 from posecore.rotations.so3 import relative_angle
 
@@ -68,7 +68,7 @@ def axis_error(R_est: Array, R_gt: Array, axis: Array) -> Array:
     require_rotation("R_gt", R_gt)
     if somewhere((axis == 0).all()):
         fail("axis", "a direction", "the zero vector")
-    axis = axis / axis.abs().max()  # so that squares of tiny numbers do not vanish
+    axis = axis / axis.abs().amax()  # so that squares of tiny numbers do not vanish
     a, b = torch.broadcast_tensors(R_est @ axis, R_gt @ axis)
     # atan2 of sine and cosine is precise at every angle; acos is not, near 0 and pi.
     return torch.atan2(torch.linalg.cross(a, b).norm(dim=-1), (a * b).sum(-1))
@@ -99,7 +99,9 @@ def closest_symmetry(
     """
     require_symmetries(symmetries)
     nearness = (R_gt.mT @ R_est).flatten(-2) @ symmetries[:, :3, :3].flatten(-2).T  # (..., S)
-    best = symmetries[nearness.argmax(-1)]
+    # The largest of what is no number would be any of them.
+    require_finite("R_est and R_gt", nearness, "matrices whose products are finite")
+    best = symmetries[nearness.argmax(-1, keepdim=True)][..., 0, :, :]
     return poses.compose(R_gt, t_gt, best[..., :3, :3], best[..., :3, 3])
 
 

@@ -254,6 +254,8 @@ def _nearest(
     tree: cKDTree, points: np.ndarray, limit: float, keep: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Indices of the closest fraction `keep` of the points with a partner, and of the partners."""
+    if not np.isfinite(points).all():
+        fail("R and t", "a pose that keeps points finite", "one that takes some beyond all numbers")
     distance, index = tree.query(points, distance_upper_bound=limit)
     found = np.flatnonzero(np.isfinite(distance))
     if keep < 1:

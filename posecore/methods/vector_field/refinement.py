@@ -23,7 +23,7 @@ import torch
 from torch import Tensor, nn
 
 from posecore import cameras, poses
-from posecore.arrays import Array, array_function, fail, require_integer
+from posecore.arrays import Array, array_function, fail, require_finite, require_integer
 from posecore.clouds import farthest_point_sampling
 from posecore.methods.vector_field.fields import keypoint_vectors, unit
 from posecore.methods.vector_field.models import ObjectModel, require_models
@@ -55,7 +55,10 @@ def overlap(points: Array, R: Array, t: Array, camera: Array, mask: Array) -> Ar
         (...) 0 to 1. Where another thing is in front, even of the true pose less than 1.
     """
     height, width = mask.shape[-2:]
-    x, y = _pixels(points, R, t, camera).round().unbind(-1)
+    pixels = _pixels(points, R, t, camera).round()
+    known = pixels.masked_fill(torch.isinf(pixels), 0)  # behind the camera
+    require_finite("R, t and points", known, "a pose that keeps points finite")
+    x, y = pixels.unbind(-1)
     seen = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     batch = np.broadcast_shapes(seen.shape[:-1], mask.shape[:-2])
     x, y, seen = (value.expand(*batch, -1) for value in (x, y, seen))

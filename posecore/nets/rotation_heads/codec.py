@@ -22,7 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from posecore import weights
 from posecore.arrays import (
@@ -30,6 +30,7 @@ from posecore.arrays import (
     array_function,
     fail,
     require_choice,
+    require_finite,
     require_integer,
     require_number,
 )
@@ -92,7 +93,7 @@ class RotationCodec(nn.Module):
         Returns:
             (..., 3, 3) rotation, near to `R` once the codec is trained.
         """
-        return special_procrustes(self.encode(R).unflatten(-1, (3, 3)))
+        return special_procrustes(self._code(R))
 
     @array_function(R="... 3 3")
     def spectrum(self, R: Array) -> Array:
@@ -107,10 +108,16 @@ class RotationCodec(nn.Module):
         Returns:
             (..., 3) from large to small; the last with the sign of det R'.
         """
-        code = self.encode(R).unflatten(-1, (3, 3))
+        code = self._code(R)
         values = torch.linalg.svdvals(code)
         sign = torch.linalg.det(code).sign()[..., None]
         return torch.cat([values[..., :2], sign * values[..., 2:]], -1)
+
+    def _code(self, R: Tensor) -> Tensor:
+        """(..., 3, 3)."""
+        code = self.encode(R)
+        require_finite("codec", code, "weights that give finite codes")
+        return code.unflatten(-1, (3, 3))
 
 
 def train_codec(
