@@ -41,6 +41,7 @@ ROUNDING = 1e-4  # relative to the norm; sums in another order differ by far les
 PARTS, ITEMS, DEPTH = 2000, 64, 10  # of one origin; of a list, evenly over it; of what holds what
 WHOLE, BLOCK = 2**18, 2**10  # numbers; of a larger array as many blocks as ITEMS
 
+ARRAY = "threads)"  # ends the names of arrays
 CACHED = type(functools.lru_cache(lambda: None))
 PLAIN = (bool, int, complex, str, bytes, range, slice, torch.dtype)
 NAMED = (type, ModuleType, BuiltinFunctionType)
@@ -61,8 +62,9 @@ def origins(value: Any, name: str) -> dict[str, Part]:
       module: numbers, arrays, containers and functions. Code of libraries and of this project does
       not count: a new version of them goes on with what an old one began.
     - A network: the kinds of its layers, not their weights. A module without weights: its buffers.
-    - Another object: the names and values of its attributes, and its `__call__`. If it has an
-      attribute `made_from`, that alone: for what is computed at length, and differs each time.
+    - Another object: its attributes, and its `__call__`; of private attributes the arrays only. If
+      it has an attribute `made_from`, that alone: for what is computed at length, and differs each
+      time.
     - Lists, tuples, dictionaries: what they hold.
 
     Args:
@@ -104,7 +106,9 @@ def _parts(value: Any, name: str, seen: dict[int, Any], depth: int) -> Parts:
     elif isinstance(value, PLAIN):
         if not (isinstance(value, str) and os.sep in value):  # files may lie elsewhere
             yield name, _short(repr(value))
-    if value is None or isinstance(value, SIMPLE) or id(value) in seen or depth > DEPTH:
+    if value is None or isinstance(value, SIMPLE) or id(value) in seen:
+        return
+    if depth > DEPTH or len(seen) > PARTS:
         return
     seen[id(value)] = value
     deeper = functools.partial(_parts, seen=seen, depth=depth + 1)
@@ -175,7 +179,11 @@ def _object(value: Any, name: str, deeper: Callable[..., Parts]) -> Parts:
             held = {}
     yield from _methods(kind, ENTRIES, name, deeper)
     for key, some in held.items():
-        yield from deeper(some, f"{name}.{key}")
+        own = f"{name}.{key}"
+        for part in deeper(some, own):
+            # How an object is made inside: timers, progress bars, what was read last.
+            if key[0] != "_" or (part[0].endswith(ARRAY) and "._" not in part[0][len(own) :]):
+                yield part
 
 
 def _methods(kind: type, first: list[str], name: str, deeper: Callable[..., Parts]) -> Parts:
@@ -225,10 +233,10 @@ def _numbers(value: Any, name: str) -> Parts:
     dtype = str(value.dtype).removeprefix("torch.")
     if dtype not in NUMBERS or (isinstance(value, Tensor) and not _dense(value)):
         return
-    some, threads = _some(value), f"{torch.get_num_threads()} threads"
+    some, threads = _some(value), f"{torch.get_num_threads()} {ARRAY}"
     words = f"{tuple(value.shape)} {dtype}, {(~np.isfinite(some)).sum()} not finite"
-    yield f"{name} (shape, {threads})", words
-    yield f"{name} ({threads})", _sums(some)
+    yield f"{name} (shape, {threads}", words
+    yield f"{name} ({threads}", _sums(some)
 
 
 def _sums(numbers: np.ndarray) -> list[float]:

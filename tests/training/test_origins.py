@@ -133,8 +133,8 @@ def test_partial_and_decorated_functions():
 
 
 class Weighted:
-    def __init__(self, weight, shift=0):
-        self.weight, self._shift = weight, shift
+    def __init__(self, weight, shift=0, table=TABLE, last=None):
+        self.weight, self._shift, self._table, self._last = weight, shift, [table], last
 
     def __call__(self, net, batch):
         return self.weight * self.twice + self._part()
@@ -155,7 +155,11 @@ def test_objects_are_what_they_hold():
     for get in (lambda x: x, lambda x: x.method, lambda x: x.__call__, lambda x: [x]):
         assert changed(get(one), get(Weighted(1.0))) is None
         assert "weight" in changed(get(one), get(Weighted(2.0)))
-        assert "shift" in changed(get(one), get(Weighted(1.0, 1)))
+        # Of what is private the arrays, and not those of what is private in it.
+        assert changed(get(one), get(Weighted(1.0, 1))) is None
+        assert "_table[0]" in changed(get(one), get(Weighted(1.0, 0, TABLE + 1)))
+        lasts = [Weighted(1.0, last=Weighted(1.0, table=table)) for table in (TABLE, TABLE + 1)]
+        assert changed(*map(get, lasts)) is None
     assert one(None, None) == 2
     assert changed(one, Weighted(1.0)) is None  # what is cached is there or not
 
@@ -227,8 +231,8 @@ def test_data_are_their_numbers():
     def make(rows, generator, scale):
         return rows * scale
 
-    drawn = [Batches(make, TABLE, 2, seed=0, scale=s) for s in (1.0, 1.0, 2.0)]
-    assert changed(*drawn[:2]) is None and changed(*drawn[1:]) == "loss._options['scale']"
+    drawn = [Batches(make, rows, 2, seed=0, scale=1) for rows in (TABLE, TABLE.clone(), TABLE + 1)]
+    assert changed(*drawn[:2]) is None and changed(*drawn[1:]) == "loss._rows"
 
 
 def test_rounding_is_no_difference():
