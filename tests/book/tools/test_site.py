@@ -298,7 +298,7 @@ def test_links_between_pages_and_to_files(small):
 
 
 def test_exercises_and_solutions_say_what_they_are(small):
-    exercises, solutions = (small[f"{part}/01_first.html"] for part in making.PARTS)
+    exercises, solutions = (small[f"{part}/{part}_01_first.html"] for part in making.PARTS)
     assert exercises.find("h1").get_text().startswith("Exercises: poses")
     assert solutions.find("h1").get_text().startswith("Solutions: poses")
     assert "python book/make.py start 01" in exercises.find(class_="admonition").get_text()
