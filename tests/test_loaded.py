@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from posecore.fingerprint import HOME
 
 PROGRAM = """
@@ -42,6 +44,7 @@ def run(tmp_path: Path, text: str) -> list[str]:
     return done.stdout.splitlines()
 
 
+@pytest.mark.slow
 def test_an_edit_of_what_is_loaded_is_refused(tmp_path: Path) -> None:
     text = "\n\n_old = compose\n\n\ndef compose(*given):\n    return _old(*given)\n"
     first, second, answer = run(tmp_path, text)
@@ -49,5 +52,6 @@ def test_an_edit_of_what_is_loaded_is_refused(tmp_path: Path) -> None:
     assert "compose" in answer and answer.endswith("start Python or the kernel anew")
 
 
+@pytest.mark.slow
 def test_a_comment_is_none(tmp_path: Path) -> None:
     assert run(tmp_path, "\n# A word.\n") == ["[]", "['posecore.poses']", "fresh"]

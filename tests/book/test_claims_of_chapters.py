@@ -77,6 +77,7 @@ LOOKS_AT_PICTURES = {
 }
 
 
+@pytest.mark.slow
 def test_an_edit_of_the_shading_touches_what_looked_at_pictures_and_nothing_else():
     file = BOOK.parent / SHADING.replace(".", "/")
     text = file.with_suffix(".py").read_text("utf-8")

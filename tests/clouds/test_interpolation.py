@@ -76,6 +76,7 @@ def test_a_constant_and_a_far_query_give_an_average(rng):
     np.testing.assert_allclose(weights, 1 / 3, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_gradients_are_exact_in_features_geometry_and_weights(rng):
     points, features, queries = (
         torch.from_numpy(rng.normal(size=(2, size, 3))).requires_grad_() for size in (7, 7, 4)

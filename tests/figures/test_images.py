@@ -60,6 +60,7 @@ def test_a_colour_bar_names_its_unit():
     assert figure.alt == "what the sensor saw, 2 x 2 pixels, colours show depth, m"
 
 
+@pytest.mark.slow
 @given(st.integers(1, 7), st.one_of(st.none(), st.integers(1, 4)))
 @A_FEW
 def test_a_grid_holds_its_images_in_order(count, columns):

@@ -111,6 +111,7 @@ def test_a_style_of_the_reader_does_not_change_figures():
         assert dict(matplotlib.rcParams) == kept
 
 
+@pytest.mark.slow
 def test_drawings_are_small_and_photographs_keep_their_colours():
     drawing = figures.point_clouds({"a": np.random.default_rng(0).normal(size=(5000, 3))})
     assert len(drawing.png()) < 80_000

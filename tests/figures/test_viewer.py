@@ -268,6 +268,7 @@ def _page_of(*parts, head=""):
     return f"<!doctype html><head><meta charset='utf-8'>{head}</head><body>{''.join(parts)}"
 
 
+@pytest.mark.slow
 def test_a_browser_turns_it(browse):
     viewer = _viewer(boxes=(np.eye(3), np.zeros(3), [0.4, 0.4, 0.4]))
     # A browser without a window paints when it likes: here it paints when it is asked to.
@@ -293,12 +294,14 @@ def test_a_browser_turns_it(browse):
     assert result["dark"]["light"] > 200  # the box follows the page's theme
 
 
+@pytest.mark.slow
 def test_the_same_piece_twice_on_a_page_works_twice(browse):
     text = _viewer().html()
     shown = browse(_page_of(text, text))
     assert len(re.findall(r"<figure[^>]*><canvas", shown)) == 2
 
 
+@pytest.mark.slow
 def test_without_webgl_the_still_picture_stays(browse):
     forbid = (
         "<script>HTMLCanvasElement.prototype.getContext = function () { return null; }</script>"
@@ -308,6 +311,7 @@ def test_without_webgl_the_still_picture_stays(browse):
     assert _parse(shown).tags.count("img") == 1
 
 
+@pytest.mark.slow
 def test_where_scripts_are_forbidden_the_still_picture_stays(browse):
     forbid = '<meta http-equiv="Content-Security-Policy" content="script-src \'none\'">'
     shown = browse(_page_of(_viewer().html(), head=forbid))
@@ -376,6 +380,7 @@ setTimeout(next, 60);
 """
 
 
+@pytest.mark.slow
 def test_it_leaves_the_page_its_scrolling_and_keys(browse):
     viewer = _viewer()
     count = "<script>requestAnimationFrame = function (f) { frames++; setTimeout(f, 0); };</script>"
@@ -432,6 +437,7 @@ setTimeout(function () {
 """
 
 
+@pytest.mark.slow
 def test_a_browser_sees_it_from_the_same_side_as_the_still(browse):
     rng = np.random.default_rng(1)
     clouds = {"others": rng.uniform(-0.1, 0.1, (20, 3)), "one": [[0.14, -0.14, 0.14]]}

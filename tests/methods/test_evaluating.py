@@ -358,6 +358,7 @@ def test_a_closed_error_stream_stops_nothing(files, monkeypatch, capsys):
     assert (files / "out.json").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["/dev/stdout", "/dev/null"])
 def test_json_to_where_no_file_is(files, where):
     words = [str(files / "est.csv"), str(files / "gt.csv"), "--models", str(files / "models")]

@@ -70,6 +70,7 @@ def table(rows):
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_recalls_are_those_of_the_loop(seed):
@@ -88,6 +89,7 @@ def test_recalls_are_those_of_the_loop(seed):
         assert got == pytest.approx(100 * expected, abs=1e-9), name
 
 
+@pytest.mark.slow
 def test_pairs_by_distance_would_give_others():
     """What the loop guards: the nearest origins are not BOP's pairs."""
     different = 0

@@ -26,6 +26,7 @@ def precision_envelope(scores, correct, count):
     return area
 
 
+@pytest.mark.slow
 @given(detections, st.integers(0, 5))
 def test_average_precision_is_its_definition(rows, missed):
     scores = np.array([s for s, _ in rows])

@@ -240,6 +240,7 @@ def turns(count):
     return np.stack([turn((0, 0, 1), k * 2 * np.pi / count) for k in range(count)])
 
 
+@pytest.mark.slow
 @given(seeds, st.sampled_from(["near", "far", "behind"]))
 def test_the_best_of_many_motions_is_that_of_all(seed, where):
     """Not all motions see all points; what is left out could not be the best."""

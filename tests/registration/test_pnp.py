@@ -66,6 +66,7 @@ def test_flat_targets_give_the_exact_pose(seed, count, method):
     assert_pose(pnp(points, pixels, K, method), R, t)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [4, 5])
 def test_few_exact_pixels_are_met_exactly(count):
     for seed in range(200):  # SQPnP alone misses one of them
@@ -74,6 +75,7 @@ def test_few_exact_pixels_are_met_exactly(count):
         assert found.reprojection_error < 1e-6  # though another pose than ours may meet four points
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, flat=st.booleans(), exponent=st.integers(-5, 5), far=st.booleans())
 def test_size_unit_and_origin_of_the_object_do_not_matter(seed, flat, exponent, far):
     R, t, points, pixels = case(seed, 12, flat)
@@ -109,6 +111,7 @@ def test_noisy_pixels_are_met_better_than_by_the_truth(seed, flat, distance):
         assert found.reprojection_error <= other + 1e-6
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, flat=st.booleans(), noise=st.sampled_from([0.0, 0.5]))
 def test_ransac_finds_the_40_percent_that_are_wrong(seed, flat, noise):
     R, t, points, pixels = case(seed, 30, flat)

@@ -97,6 +97,7 @@ def test_the_minimum_is_that_of_an_independent_solver(seed):
         assert abs(costs[1] - costs[0]) < 1e-2 * (max(costs) - reached)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, wild=st.integers(1, 4), behind=st.booleans())
 def test_wild_keypoints_of_large_covariance_do_not_matter(seed, wild, behind):
     _, _, points, pixels, rng = case(seed, 10)
@@ -133,6 +134,7 @@ def test_a_direction_that_is_not_known_is_not_used():
     assert geodesic_distance(pnp(points, slid, K).R, R) > 5e-3
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, exponent=st.integers(-5, 5), factor=st.sampled_from([1e-9, 1.0, 1e9]))
 def test_units_do_not_matter(seed, exponent, factor):
     _, _, points, pixels, rng = case(seed)
@@ -249,6 +251,7 @@ def test_a_start_with_a_point_behind_the_camera_is_refused(monkeypatch):
         uncertainty_pnp(POINTS, PIXELS, SIGMA, K)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("thickness", [0, 0.01, 0.05])
 def test_nearly_flat_points_do_not_end_in_the_mirror_image(thickness):
     """The start fits plain pixels best, and may lie on the wrong side for the weighted ones."""

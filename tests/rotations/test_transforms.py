@@ -100,6 +100,7 @@ def test_procrustes_agrees_with_roma_under_transforms() -> None:
     torch.testing.assert_close(second[..., 1, 2], slope, rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_many_matrices_go_the_same_road_under_vmap() -> None:
     M = numbers(1000, 3, 3)
     expected = rotations.special_procrustes(M)

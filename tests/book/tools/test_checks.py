@@ -428,6 +428,7 @@ def by_and_by(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return centroid(points, weights)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("student", [forever, stubborn, asleep, by_and_by])
 def test_a_function_that_is_late_does_not_hold_the_page(student: Callable[..., Any]) -> None:
     RELEASED.clear()

@@ -468,5 +468,6 @@ def test_the_rows_of_all_pages_in_the_order_of_the_contents(folio: Path) -> None
     assert [row.claim.id for row in rows["03_more"]] == ["one", "two"]
 
 
+@pytest.mark.slow
 def test_the_book_itself_has_no_damaged_and_no_stray_ledger() -> None:
     assert all(rows for rows in all_rows().values())

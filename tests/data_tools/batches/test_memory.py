@@ -41,6 +41,7 @@ def test_the_limit_of_a_container(tmp_path, monkeypatch, limit):
     assert found == (4096 if limit == "4096\n" else machine_memory())
 
 
+@pytest.mark.slow
 def test_batches_that_do_not_fit(stack_of):
     stack = stack_of("tabletop")
     rows = stack.rows()

@@ -114,6 +114,7 @@ def test_a_full_disk_leaves_nothing_half(cache, tmp_path, monkeypatch):
     assert len(small_world(tmp_path)) == 48
 
 
+@pytest.mark.slow
 def test_pickled(cache, tmp_path):
     stack = small_world(tmp_path)
     again = pickle.loads(pickle.dumps(stack))

@@ -132,6 +132,7 @@ def test_targets(tree, absolute):
     assert dataset.ground_truth().object_id.tolist() == [2, 2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("inst_count", [False, True])
 def test_targets_that_are_images(tree, inst_count):
     """As in test_targets_bop24.json, which `export` writes too: all objects of these images."""

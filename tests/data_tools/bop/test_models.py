@@ -196,6 +196,7 @@ def test_damaged_models_info_is_refused(tree, damage, message):
         Models(tree.path / "models")
 
 
+@pytest.mark.slow
 def test_symmetries_without_end(tree):
     """30 000 of them, or as many in all: refused at once, with the file's name."""
     flip = np.eye(4).ravel().tolist()

@@ -63,6 +63,7 @@ def test_hair_and_beards_come_in_turns():
     assert all(p.hair != q.hair for p, q in pairwise(people))
 
 
+@pytest.mark.slow
 def test_infrared_is_plausible():
     """Skin is bright, whatever its colour; hair is darker; the seat is darkest."""
     skins = [colour(subject(seed).head, "face") for seed in SEEDS]

@@ -284,6 +284,7 @@ def test_any_batch_and_arrays(name: str, loss: str, batch: tuple) -> None:
     assert torch.equal(wider, found.expand(4, *found.shape))
 
 
+@pytest.mark.slow
 @given(
     hnp.arrays(float, 9, elements=st.floats(-1e6, 1e6)),
     hnp.arrays(float, 3, elements=st.floats(-4, 4)),
