@@ -179,6 +179,19 @@ def test_batches_broadcast_and_pieces_do_not_matter(monkeypatch):
             np.testing.assert_allclose(function(R_1, t_1, R_2, t_2, points), whole, rtol=1e-12)
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("count", [1, 30])
+def test_the_order_of_searches_changes_no_distance(monkeypatch, dtype, count):
+    case = [np.asarray(x, dtype) for x in random_case(5, (count,))]
+    flat = case[4] * np.array([1, 1, 0], dtype)
+    far = [*case[:3], case[3] + dtype(1e30), case[4]]
+    for arguments in (case, [*case[:4], flat], [*case[:4], 0 * flat], far):
+        plain = metrics.add_s(*arguments)
+        with monkeypatch.context() as patch:
+            patch.setattr(model_errors, "SORTED", 1)
+            np.testing.assert_array_equal(metrics.add_s(*arguments), plain)
+
+
 def test_gradients_reach_the_pose():
     case = [torch.tensor(x) for x in random_case(4, (2,))]
     for x in case[:4]:
