@@ -28,11 +28,14 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-# Threads that wait by spinning take the cores on which others compute: on a busy machine two of
-# them took four times the time of one. Read when torch is loaded.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 # Not the folder of this script, whose `site` and `checks` others could mistake for their own.
 sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+from posecore import command_line  # noqa: E402
+
+if __name__ == "__main__":
+    # Before anything else is imported, all of which Ctrl-C may interrupt.
+    command_line.start("book.make")
 
 from book.tools.contents import BOOK, Page, find_page, pages  # noqa: E402
 from posecore.scale import SCALES  # noqa: E402
@@ -171,25 +174,43 @@ COMMANDS: tuple[Callable[[Sequence[Page], argparse.Namespace], None], ...] = (
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run one command; the exit status is 1 if it did not succeed."""
-    arguments = _parser().parse_args(words)
-    try:
-        named = getattr(arguments, "pages", [])
-        chosen = tuple(find_page(name, BOOK) for name in named) or pages(BOOK)
-        arguments.command(chosen, arguments)
-        _flush()
-    except BrokenPipeError:  # whoever reads has seen enough, as `head`
-        _let_go_of_output()
-        return 1
-    except (ValueError, OSError, ModuleNotFoundError) as error:
-        missing = isinstance(error, ModuleNotFoundError)
-        advice = "; pip install -r environment.txt" if missing else ""
-        print(f"make.py {arguments.command.__name__}: {error}{advice}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print(f"make.py {arguments.command.__name__}: stopped", file=sys.stderr)
-        return 130
+    """Run one command; the exit status is 1 if it did not succeed, and 130 after Ctrl-C."""
+    return run(parse(words))
+
+
+def parse(words: Sequence[str] | None = None) -> argparse.Namespace:
+    """The options of the command line; ends the process with 2 for what is no command."""
+    return _parser().parse_args(words)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run one command; returns the exit status, as `main` does."""
+    with command_line.Interrupts() as interrupts:
+        try:
+            named = getattr(arguments, "pages", [])
+            chosen = tuple(find_page(name, BOOK) for name in named) or pages(BOOK)
+            arguments.command(chosen, arguments)
+            _flush()
+        except KeyboardInterrupt:
+            return _stopped(arguments)
+        except Exception as error:
+            if interrupts.came:  # libraries make errors of their own of it
+                return _stopped(arguments)
+            if isinstance(error, BrokenPipeError):  # whoever reads has seen enough, as `head`
+                _let_go_of_output()
+                return 1
+            if not isinstance(error, ValueError | OSError | ModuleNotFoundError):
+                raise
+            missing = isinstance(error, ModuleNotFoundError)
+            advice = "; pip install -r environment.txt" if missing else ""
+            print(f"make.py {arguments.command.__name__}: {error}{advice}", file=sys.stderr)
+            return 1
     return 0
+
+
+def _stopped(arguments: argparse.Namespace) -> int:
+    print(f"make.py {arguments.command.__name__}: stopped", file=sys.stderr)
+    return command_line.INTERRUPTED
 
 
 def _flush() -> None:
@@ -242,7 +263,3 @@ def _parser() -> argparse.ArgumentParser:
             words = "to try it: at tiny and paper the results go to book/_build/SCALE"
             command.add_argument("--scale", choices=SCALES, help=words)
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

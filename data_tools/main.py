@@ -15,6 +15,7 @@ from data_tools import storage, views
 from data_tools.bop.writing import write_dataset
 from data_tools.worlds.world import World
 from posecore.arrays import fail, require_choice, require_integer
+from posecore.command_line import INTERRUPTED, Interrupts
 from posecore.files import write_bytes
 from posecore.scale import SCALES
 
@@ -44,15 +45,26 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 
 def run(options: argparse.Namespace) -> int:
     """Run a command of the command line; returns the exit status, as `main` does."""
-    try:
-        return options.command(options) or 0
-    except (ValueError, OSError, RuntimeError, MemoryError) as error:
-        line = " ".join(str(error).split()) or "not enough memory"
-        print(f"error: {line}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("\nstopped; finished files of worlds are kept", file=sys.stderr)
-        return 130
+    with Interrupts() as interrupts:
+        try:
+            return options.command(options) or 0
+        except KeyboardInterrupt:
+            return _interrupted()
+        except (ValueError, OSError, RuntimeError, MemoryError) as error:
+            if interrupts.came:
+                return _interrupted()
+            line = " ".join(str(error).split()) or "not enough memory"
+            print(f"error: {line}", file=sys.stderr)
+            return 1
+        except Exception:
+            if interrupts.came:  # libraries make errors of their own of it
+                return _interrupted()
+            raise
+
+
+def _interrupted() -> int:
+    print("\nstopped; finished files of worlds are kept", file=sys.stderr)
+    return INTERRUPTED
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import signal
 import sys
-from typing import NoReturn
+from types import FrameType
+from typing import Any, NoReturn
 
-__all__ = ["start"]
+__all__ = ["INTERRUPTED", "Interrupts", "start"]
+
+INTERRUPTED = 130
+"""The exit status after Ctrl-C: 128 and the number of the signal, as a shell has it."""
+AGAIN = 0.2  # seconds from an interrupt to the next look at whether it arrived
 
 
 def start(name: str) -> NoReturn:
@@ -31,12 +37,75 @@ def start(name: str) -> NoReturn:
     options = module.parse()
     if listens:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    status = module.run(options)
+    try:
+        status = module.run(options)
+    except SystemExit as end:
+        status = end.code
     if listens:
         signal.signal(signal.SIGINT, _stop)
+    if status == INTERRUPTED:
+        # Nothing that was interrupted half-way, such as the import of a library, is to be ended in
+        # good order: there threads of its own would go on while Python is taken away under them.
+        _leave()
     sys.exit(status)
+
+
+class Interrupts:
+    """While it is entered, Ctrl-C and SIGTERM are a `KeyboardInterrupt` that arrives.
+
+    Libraries catch everything here and there, and `__del__` and callbacks lose it: so as long as
+    the interrupt is not being handled it is raised again and again. Where it is, in clean-ups and
+    until this is left, nothing disturbs. Does nothing outside the main thread, or where the process
+    ignores the signal.
+
+    Attributes:
+        came: whether there was one; libraries make errors of their own of it.
+    """
+
+    came = False
+
+    def __enter__(self) -> Interrupts:
+        self._before: dict[int, Any] = {}
+        usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+        with contextlib.suppress(ValueError):  # not the main thread
+            for number, handler in usual.items():
+                if signal.getsignal(number) is handler:
+                    signal.signal(number, self._arrives)
+                    self._before[number] = handler
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.came and hasattr(signal, "setitimer"):
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _arrives(self, number: int, frame: FrameType | None) -> None:
+        if not self.came and hasattr(signal, "setitimer"):  # Windows has none
+            if signal.getsignal(signal.SIGALRM) is signal.SIG_DFL:
+                self._before[signal.SIGALRM] = signal.SIG_DFL
+                signal.signal(signal.SIGALRM, self._looks)
+                signal.setitimer(signal.ITIMER_REAL, AGAIN, AGAIN)
+        self.came = True
+        raise KeyboardInterrupt
+
+    def _looks(self, number: int, frame: FrameType | None) -> None:
+        """Raise it once more, unless what it met is just being cleaned up."""
+        error = sys.exc_info()[1]  # what is handled where this signal came
+        while error is not None:
+            if isinstance(error, KeyboardInterrupt):
+                return
+            error = error.__context__
+        raise KeyboardInterrupt
 
 
 def _stop(*_: object) -> None:
     os.write(2, b"interrupted\n")
-    os._exit(130)
+    os._exit(INTERRUPTED)
+
+
+def _leave() -> NoReturn:
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError, OSError, ValueError):  # closed, or nobody reads
+            stream.flush()
+    os._exit(INTERRUPTED)

@@ -1,11 +1,14 @@
 """From the first import to the end of Python: whenever Ctrl-C comes, one line and status 130."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from posecore.command_line import Interrupts
 
 ROOT = Path(__file__).parents[1]
 
@@ -85,8 +88,69 @@ def test_who_ignores_interrupts_goes_on(tmp_path):
         ("data_tools.bop", ["posecore", "evaluate", "est.csv", "gt.csv"]),
         ("posecore.methods.vector_field", ["posecore", "train", "vector_field"]),
         ("numpy", ["data_tools", "make", "tabletop"]),
+        ("torch", ["book.make", "check"]),
     ],
 )
 def test_an_interrupt_while_libraries_are_imported(tmp_path, library, words):
     code = FINDER.format(library=library)
     assert python("-c", code, *words, cwd=tmp_path) == (130, "", "interrupted\n")
+
+
+SWALLOWED = """
+import signal, time
+from posecore.command_line import Interrupts
+def parse():
+    return signal.{name}
+def run(number):
+    with Interrupts() as interrupts:
+        try:
+            try:
+                signal.raise_signal(number)
+            except BaseException:
+                pass  # as the initialisation of some compiled modules does
+            end = time.monotonic() + 20
+            while time.monotonic() < end:
+                time.sleep(0.01)
+        except KeyboardInterrupt:
+            assert interrupts.came
+            end = time.monotonic() + 0.6  # nothing disturbs a clean-up
+            while time.monotonic() < end:
+                time.sleep(0.01)
+            print("stopped", end="")
+            return 130
+    return 0
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this needs Unix")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_an_interrupt_that_is_swallowed_comes_again(tmp_path, name):
+    (tmp_path / "command.py").write_text(SWALLOWED.format(name=name))
+    start = ["-c", "from posecore.command_line import start; start('command')"]
+    assert python(*start, cwd=tmp_path) == (130, "stopped", "")
+
+
+def test_an_error_made_of_an_interrupt_is_no_reason_to_disturb_its_clean_up():
+    with Interrupts() as interrupts:
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+        try:
+            try:
+                raise KeyboardInterrupt
+            except KeyboardInterrupt:
+                raise ImportError("as some libraries do")  # noqa: B904
+        except ImportError:
+            interrupts._looks(signal.SIGALRM, None)
+        with pytest.raises(KeyboardInterrupt):
+            interrupts._looks(signal.SIGALRM, None)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_after_an_interrupt_nothing_is_left_to_the_end_of_python(tmp_path):
+    """There the threads of libraries that were interrupted half-way have ended in crashes."""
+    text = "import atexit\ndef parse(): pass\n"
+    text += "def run(_):\n    atexit.register(print, 'ended')\n    print('out')\n"
+    text += "    raise SystemExit(130)\n"
+    (tmp_path / "command.py").write_text(text)
+    start = ["-c", "from posecore.command_line import start; start('command')"]
+    assert python(*start, cwd=tmp_path) == (130, "out\n", "")

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import os
 import pickle
 import signal
 import sys
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -22,6 +24,7 @@ from typing import Any
 __all__ = ["START_METHODS", "MakingError", "can_be_sent", "make_in_processes"]
 
 START_METHODS = ("spawn", "fork", "forkserver")
+PATIENCE = 5.0  # seconds for a process to take away what it has not finished
 
 MakeShard = Callable[[int, Callable[[], Any]], bool | None]
 """Makes the shard with a number, and calls back after each of its records; False for one that is to
@@ -71,11 +74,13 @@ def make_in_processes(
     aside = contextlib.nullcontext
     if start_method != "fork" and b"__main__" not in pickle.dumps(make_shard):
         aside = _script_aside
+    if start_method != "fork" and os.name == "posix":
+        resource_tracker.ensure_running()  # as it is started it would let interrupts through
     try:
         for _ in range(processes):
             ours, theirs = context.Pipe()
             workers[ours] = context.Process(target=_work, args=(make_shard, theirs), daemon=True)
-            with aside():
+            with aside(), _interrupts_kept():
                 workers[ours].start()
             theirs.close()
             go_on(ours)
@@ -97,8 +102,9 @@ def make_in_processes(
     finally:
         for process in workers.values():
             if process.pid is not None:  # it was started
-                process.terminate()
-                process.join()
+                while process.is_alive():  # a library may have swallowed what ends it
+                    process.terminate()
+                    process.join(PATIENCE)
         for connection in workers:
             connection.close()
     if failures:
@@ -134,12 +140,30 @@ def _script_aside() -> Iterator[None]:
         main.update(kept)
 
 
+@contextlib.contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """An interrupt comes after this; processes started meanwhile have none until they ask for it.
+
+    They would end in the middle of their imports, with a word about it.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _work(make_shard: MakeShard, connection: Connection) -> None:
     """What another process does until the pipe closes."""
     # An interrupt from the keyboard reaches all processes; the first one decides. When that ends
     # the others, they leave as from an error, so that unfinished files are taken away.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     parent = multiprocessing.parent_process().sentinel
     try:
         # A forked process has the other end of its pipe too, so it would never see that closed.

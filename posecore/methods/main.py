@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import signal
 import sys
 import warnings
 from collections.abc import Sequence
-from types import FrameType
 
 from data_tools.storage import MakingError
+from posecore.command_line import INTERRUPTED, Interrupts
 from posecore.methods import METHODS
 from posecore.methods.evaluating import add_evaluate
 from posecore.methods.notes import OUTPUT, leave_output, note, warn
 
 __all__ = ["main", "parse", "run"]
 
-INTERRUPTED, PIPE_CLOSED = 130, 141  # 128 and the number of the signal, as a shell has it
+PIPE_CLOSED = 141  # 128 and the number of the signal, as a shell has it
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -38,7 +37,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 
 def run(options: argparse.Namespace) -> int:
     """Run a command of the command line; returns the exit status, as `main` does."""
-    with warnings.catch_warnings(), _Interrupt() as interrupt:
+    with Interrupts() as interrupts, warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = lambda message, *_: note(
             str(message).replace("rotations='as_read'", "--rotations as_read")
@@ -48,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             return _interrupted()
         except (ValueError, OSError, MakingError, MemoryError) as error:
-            if interrupt.came:
+            if interrupts.came:
                 return _interrupted()
             if getattr(error, "filename", None) == OUTPUT:
                 leave_output()
@@ -58,33 +57,10 @@ def run(options: argparse.Namespace) -> int:
             warn(f"error: {' '.join(what.splitlines())}")
             return 2
         except Exception:
-            if interrupt.came:
+            if interrupts.came:
                 return _interrupted()
             raise
     return 0
-
-
-class _Interrupt:
-    """Remembers that Ctrl-C was pressed, as libraries make errors of their own of it."""
-
-    came = False
-
-    def __enter__(self) -> _Interrupt:
-        self._listens = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        try:
-            if self._listens:
-                signal.signal(signal.SIGINT, self._arrives)
-        except ValueError:  # not the main thread
-            self._listens = False
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._listens:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    def _arrives(self, number: int, frame: FrameType | None) -> None:
-        self.came = True
-        signal.default_int_handler(number, frame)
 
 
 def _interrupted() -> int:

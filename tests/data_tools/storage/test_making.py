@@ -455,3 +455,56 @@ def test_a_function_of_a_notebook_is_called_here(tmp_path, expected):
     with contextlib.suppress(FileNotFoundError):
         store.path(1).unlink()
     assert world(tmp_path).make(2, start_method="fork", progress=False) == 1
+
+
+def nothing(number, tick):
+    """A shard without records."""
+
+
+def test_an_interrupt_while_processes_start_waits_for_them(monkeypatch, capfd):
+    """They would end in the middle of their imports, with tracebacks; nor may it be lost."""
+
+    class Interrupted(multiprocessing.context.SpawnProcess):
+        def start(self):
+            signal.raise_signal(signal.SIGINT)
+            super().start()
+            os.kill(self.pid, signal.SIGINT)
+
+    context = multiprocessing.get_context("spawn")
+    monkeypatch.setattr(context, "Process", Interrupted)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            make_in_processes(nothing, range(3), 2, "spawn", print)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert multiprocessing.active_children() == []
+    assert capfd.readouterr().err == ""
+
+
+def test_a_process_that_swallows_its_end_is_told_again(tmp_path, monkeypatch):
+    from data_tools.storage import making
+
+    def deaf(number, tick):
+        if number:
+            while not (tmp_path / "deaf").exists():
+                time.sleep(0.001)
+            raise ZeroDivisionError
+        with contextlib.suppress(SystemExit):
+            (tmp_path / "deaf").touch()
+            time.sleep(60)
+        while True:
+            time.sleep(0.01)
+
+    def run():
+        monkeypatch.setattr(making, "PATIENCE", 0.1)
+        signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.setitimer(signal.ITIMER_REAL, 0.3)
+        with contextlib.suppress(KeyboardInterrupt):
+            make_in_processes(deaf, range(2), 2, "fork", print)
+        os._exit(7)
+
+    process = in_a_process(run)
+    assert ended(process) == 7
+    assert group_is_gone(process)
