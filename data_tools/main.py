@@ -15,7 +15,7 @@ from data_tools import storage, views
 from data_tools.bop.writing import write_dataset
 from data_tools.worlds.world import World
 from posecore.arrays import fail, require_choice, require_integer
-from posecore.command_line import INTERRUPTED, Interrupts
+from posecore.command_line import INTERRUPTED, Interrupts, refuse_empty
 from posecore.files import write_bytes
 from posecore.scale import SCALES
 
@@ -47,6 +47,7 @@ def run(options: argparse.Namespace) -> int:
     """Run a command of the command line; returns the exit status, as `main` does."""
     with Interrupts() as interrupts:
         try:
+            refuse_empty(options, "world", "source", "path")
             return options.command(options) or 0
         except KeyboardInterrupt:
             return _interrupted()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import importlib
 import os
@@ -10,7 +11,7 @@ import sys
 from types import FrameType
 from typing import Any, NoReturn
 
-__all__ = ["INTERRUPTED", "Interrupts", "start"]
+__all__ = ["INTERRUPTED", "Interrupts", "refuse_empty", "start"]
 
 INTERRUPTED = 130
 """The exit status after Ctrl-C: 128 and the number of the signal, as a shell has it."""
@@ -48,6 +49,22 @@ def start(name: str) -> NoReturn:
         # good order: there threads of its own would go on while Python is taken away under them.
         _leave()
     sys.exit(status)
+
+
+def refuse_empty(options: argparse.Namespace, *positional: str) -> None:
+    """Refuse what was given as "": it would be taken for the folder one stands in, or for nothing.
+
+    Args:
+        options: of a command.
+        positional: names of those that are given without their name.
+
+    Raises:
+        ValueError: naming the first one.
+    """
+    for name, value in vars(options).items():
+        if value == "" or (isinstance(value, list) and "" in value):
+            shown = name if name in positional else "--" + name.replace("_", "-")
+            raise ValueError(f"{shown}: expected a text that is not empty, got ''")
 
 
 class Interrupts:

@@ -11,7 +11,14 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["own_stream", "write_bytes"]
+__all__ = ["own_stream", "require_path", "write_bytes"]
+
+
+def require_path(name: str, value: str | Path) -> Path:
+    """Return `value` as a path; refuse "", which `Path` takes for the folder one stands in."""
+    if isinstance(value, str) and not value:
+        raise ValueError(f"{name}: expected the name of a file or a folder, got ''")
+    return Path(value)
 
 
 def write_bytes(path: Path, data: bytes) -> None:

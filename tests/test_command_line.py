@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+import data_tools.main
+import posecore.methods.main
 from posecore.command_line import Interrupts
 
 ROOT = Path(__file__).parents[1]
@@ -154,3 +156,24 @@ def test_after_an_interrupt_nothing_is_left_to_the_end_of_python(tmp_path):
     (tmp_path / "command.py").write_text(text)
     start = ["-c", "from posecore.command_line import start; start('command')"]
     assert python(*start, cwd=tmp_path) == (130, "out\n", "")
+
+
+@pytest.mark.parametrize(
+    ("main", "words", "name"),
+    [
+        (data_tools.main.main, ["export", ""], "path"),
+        (data_tools.main.main, ["show", "tabletop", "--output", ""], "--output"),
+        (posecore.methods.main.main, ["evaluate", "", "gt.csv"], "estimates"),
+        (posecore.methods.main.main, ["evaluate", "e.csv", "gt.csv", "--json", ""], "--json"),
+        (
+            posecore.methods.main.main,
+            ["train", "vector_field", "--data", "tabletop", "--out", ""],
+            "--out",
+        ),
+    ],
+)
+def test_nothing_is_no_name(tmp_path, monkeypatch, capsys, main, words, name):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) in (1, 2)
+    assert capsys.readouterr().err == f"error: {name}: expected a text that is not empty, got ''\n"
+    assert list(tmp_path.iterdir()) == []

@@ -13,6 +13,7 @@ import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 try:
     import fcntl
@@ -20,10 +21,11 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
     import msvcrt
 
-__all__ = ["byte_lock", "file_lock"]
+__all__ = ["Claim", "byte_lock", "claim", "file_lock"]
 
 FAR = 1 << 30  # Windows lets nobody read what is locked, so that is no byte that a file has
 POLL = 0.02  # seconds
+HELD: set[Path] = set()  # claims of this process, whose threads the system's locks let through
 BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 
 
@@ -70,7 +72,58 @@ def file_lock(path: Path) -> Iterator[None]:
         time.sleep(POLL)
 
 
+class Claim(NamedTuple):
+    """What came of a claim.
+
+    Attributes:
+        mine: whether nobody else has it.
+        left: whether one who had it before was killed, so that what is found there is of nobody.
+    """
+
+    mine: bool
+    left: bool
+
+
+@contextlib.contextmanager
+def claim(path: Path) -> Iterator[Claim]:
+    """Take a file or a folder, there or not, for this process alone; nobody waits.
+
+    As for `file_lock` `.NAME.lock.tmp` lies in the same folder as long as somebody has it; a kill
+    leaves it behind.
+
+    Raises:
+        OSError: if there is no such folder, or it cannot be written to.
+    """
+    path = Path(os.path.realpath(path))
+    lock = path.with_name(f".{path.name}.lock.tmp")
+    if path in HELD:
+        yield Claim(False, False)
+        return
+    found = lock.exists()
+    while True:
+        with lock.open("ab") as file:
+            if not (sure := _locked(file.fileno(), FAR)) and sure is not None:
+                yield Claim(False, False)
+                return
+            if not _is_still(lock, file.fileno()):  # its last owner has just removed it
+                found = False
+                continue
+            HELD.add(path)
+            try:
+                yield Claim(True, found and sure is True)
+            finally:
+                HELD.discard(path)
+                with contextlib.suppress(OSError):  # open on Windows
+                    lock.unlink()
+            return
+
+
 def _taken(descriptor: int, byte: int) -> bool:
+    return _locked(descriptor, byte) is not False
+
+
+def _locked(descriptor: int, byte: int) -> bool | None:
+    """Whether the lock could be taken; None where there are no locks."""
     try:
         if fcntl is not None:
             fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
@@ -78,7 +131,7 @@ def _taken(descriptor: int, byte: int) -> bool:
             os.lseek(descriptor, byte, os.SEEK_SET)
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
     except OSError as error:
-        return error.errno not in BUSY
+        return False if error.errno in BUSY else None
     return True
 
 

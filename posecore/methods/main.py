@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Sequence
 
 from data_tools.storage import MakingError
-from posecore.command_line import INTERRUPTED, Interrupts
+from posecore.command_line import INTERRUPTED, Interrupts, refuse_empty
 from posecore.methods import METHODS
 from posecore.methods.evaluating import add_evaluate
 from posecore.methods.notes import OUTPUT, leave_output, note, warn
@@ -43,6 +43,7 @@ def run(options: argparse.Namespace) -> int:
             str(message).replace("rotations='as_read'", "--rotations as_read")
         )
         try:
+            refuse_empty(options, "estimates", "ground_truth")
             options.command(options)
         except KeyboardInterrupt:
             return _interrupted()

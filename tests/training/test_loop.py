@@ -491,6 +491,8 @@ def test_a_resume_that_cannot_be_is_refused(tmp_path):
     (tmp_path / "file").write_text("mine")
     with pytest.raises(ValueError, match=r"^resume: expected a folder, got the file"):
         fit(plain(), batches, loss, steps=2, resume=tmp_path / "file")
+    with pytest.raises(ValueError, match="^resume: expected the name of a file or a folder"):
+        fit(plain(), batches, loss, steps=2, resume="")
     with pytest.raises(ValueError, match="^batches: .*to be resumed"):
         fit(plain(), iter([batches(None)]), loss, steps=2, resume=tmp_path / "run")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -513,12 +513,47 @@ def test_after_a_kill_it_is_visibly_unfinished(world, tmp_path):
     process.start()
     process.join(20)
     assert process.exitcode == -signal.SIGKILL
-    assert [p.name for p in tmp_path.iterdir()] == ["a.unfinished"]
-    with pytest.raises(ValueError, match=r"path: expected no remains of an earlier try.*a\.unfini"):
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".a.unfinished.lock.tmp", "a.unfinished"]
+    write_dataset({"test": world.views}, tmp_path / "a", world.models)
+    assert [p.name for p in tmp_path.iterdir()] == ["a"]
+    assert len(data_tools.open(f"bop:{tmp_path / 'a'}")) == 6
+
+
+def test_a_folder_that_another_one_writes_is_refused(world, tmp_path):
+    def views():
+        yield world.views[0]
+        with pytest.raises(ValueError, match="path: expected one that no other process writes"):
+            write_dataset({"test": world.views}, tmp_path / "a", world.models)
+        yield world.views[1]
+
+    write_dataset({"test": views()}, tmp_path / "a", world.models)
+    assert len(data_tools.open(f"bop:{tmp_path / 'a'}")) == 2
+
+
+def test_what_only_has_the_name_of_remains_stays(world, tmp_path):
+    (tmp_path / "a.unfinished").mkdir()
+    (tmp_path / "a.unfinished" / "thesis.tex").write_text("precious")
+    with pytest.raises(ValueError, match=r"path: expected no a\.unfinished beside it"):
         write_dataset({"test": world.views}, tmp_path / "a", world.models)
-    assert (tmp_path / "a.unfinished" / "camera.json").exists(), "what is there stays"
-    write_dataset({"test": world.views}, tmp_path / "b", world.models)
-    assert len(data_tools.open(f"bop:{tmp_path / 'b'}")) == 6
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["a.unfinished", "thesis.tex"]
+
+
+@pytest.mark.parametrize("name", [".", "../link"])
+def test_the_folder_one_stands_in_is_filled(world, tmp_path, monkeypatch, name):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "here")
+    before = (tmp_path / "here").stat().st_ino
+    monkeypatch.chdir(tmp_path / "here")
+    write_dataset({"test": world.views[:1]}, name, world.models)
+    assert os.stat(".").st_ino == (tmp_path / "here").stat().st_ino == before
+    assert len(data_tools.open("bop:.")) == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["here", "link"]
+
+
+def test_no_name_is_not_the_folder_one_stands_in(world, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match="path: expected the name of a file or a folder, got ''"):
+        write_dataset({"test": world.views[:1]}, "", world.models)
 
 
 def test_a_folder_with_something_in_it_is_refused(world, tmp_path):

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from data_tools.storage import locks
-from data_tools.storage.locks import byte_lock, file_lock
+from data_tools.storage.locks import byte_lock, claim, file_lock
 
 pytest.importorskip("fcntl", reason="these tests fork")
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
@@ -109,3 +109,15 @@ def test_an_error_inside_ends_it(path):
         file_lock(path.parent / "nowhere" / "x"),
     ):
         pass
+
+
+def test_a_claim_is_of_one_at_a_time_and_says_who_left_it(tmp_path):
+    path = tmp_path / "run"
+    with claim(path) as first, claim(path) as second:
+        assert first == (True, False) and second == (False, False)
+        assert list(tmp_path.iterdir()) == [tmp_path / ".run.lock.tmp"]
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / ".run.lock.tmp").touch()  # as a kill leaves it
+    with claim(path) as third:
+        assert third == (True, True)
+    assert list(tmp_path.iterdir()) == []
