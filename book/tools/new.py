@@ -8,14 +8,19 @@ that a chapter grows out of it by edits, each of which the checks hold.
 from __future__ import annotations
 
 import ast
+import contextlib
+import hashlib
+import json
 import keyword
 import re
 import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from book.tools import exercises, pairs
 from book.tools.contents import ROOT, Page, pages
+from data_tools.storage.locks import claim
 from posecore.arrays import fail
 from posecore.files import write_bytes
 
@@ -25,6 +30,10 @@ SKELETON = Path(__file__).parent / "skeleton"
 ENDING = ".in"  # so that nobody takes a template for Python
 LONGEST_NAME = 30
 """Letters of a name: with more, lines of the templates would be too long."""
+UNFINISHED = "book/new.unfinished"
+"""What is being written, and what was there before: whoever comes after a kill brings it to an end.
+"""
+RANDOM = "[0-9a-f]" * 16  # in the names of copies that `write_bytes` has not finished
 METHODS = re.compile(r"^METHODS = (\([^)]*\))$", re.MULTILINE)
 
 
@@ -41,7 +50,8 @@ def new(number: str, name: str, method: str | None = None, root: Path = ROOT) ->
         The files that were written or changed.
 
     Raises:
-        ValueError: if a number or a name is malformed or taken, or a file is there already.
+        ValueError: if a number or a name is malformed or taken, a file is there already, or another
+            process is at it.
         OSError: if a file cannot be written; those that were are taken back.
     """
     method = name if method is None else method
@@ -51,18 +61,25 @@ def new(number: str, name: str, method: str | None = None, root: Path = ROOT) ->
         if not re.fullmatch("[a-z][a-z0-9_]*", word) or len(word) > LONGEST_NAME:
             fail(what, f"at most {LONGEST_NAME} small letters, digits and _", repr(word))
     page = Page(f"{number.zfill(2)}_{name}", exercises=True)
-    _require_free(page, method, root)
-    title = name.replace("_", " ").capitalize()
-    words = {"NN_NAME": page.name, r"\bNN\b": page.name[:2], r"\bMETHOD\b": method}
-    files = _made(words | {r"\bTITLE\b": title}, page, root)
-    for path in files:
-        if path.exists():
-            fail("name", "files that are not there yet", path.relative_to(root).as_posix())
-    contents, methods = root / "book/site/contents.toml", root / "posecore/methods/__init__.py"
-    files[contents] = _with_page(contents.read_text(encoding="utf-8"), page, root).encode()
-    files[methods] = _with_method(methods.read_text(encoding="utf-8"), method).encode()
-    _write(files)
-    return list(files)
+    journal = root / UNFINISHED
+    with claim(journal) as claimed:
+        if not claimed.mine:
+            fail("root", "a project in which no other process begins a chapter", root)
+        before = _resume(journal, root)
+        if page.name in {path.stem for path in before}:
+            return before
+        _require_free(page, method, root)
+        title = name.replace("_", " ").capitalize()
+        words = {"NN_NAME": page.name, r"\bNN\b": page.name[:2], r"\bMETHOD\b": method}
+        files = _made(words | {r"\bTITLE\b": title}, page, root)
+        for path in files:
+            if path.exists():
+                fail("name", "files that are not there yet", path.relative_to(root).as_posix())
+        contents, methods = root / "book/site/contents.toml", root / "posecore/methods/__init__.py"
+        files[contents] = _with_page(contents.read_text(encoding="utf-8"), page, root).encode()
+        files[methods] = _with_method(methods.read_text(encoding="utf-8"), method).encode()
+        _write(files, journal, root)
+        return list(files)
 
 
 def _require_free(page: Page, method: str, root: Path) -> None:
@@ -125,24 +142,71 @@ def _with_method(text: str, method: str) -> str:
     return text[: found.start()] + line + text[found.end() :]
 
 
-def _write(files: Mapping[Path, bytes]) -> None:
-    """Write all of the files, or leave everything as it was."""
-    before = {path: path.read_bytes() if path.exists() else None for path in files}
-    folders = [folder for folder in _folders(files) if not folder.exists()]
+def _write(files: Mapping[Path, bytes], journal: Path, root: Path) -> None:
+    """Write all of the files, or leave everything as it was: after a kill the next call does so."""
+    note = {
+        "folders": [_name(path, root) for path in _folders(files) if not path.exists()],
+        "files": {
+            _name(path, root): {
+                "old": path.read_bytes().decode() if path.exists() else None,
+                "new": hashlib.sha256(data).hexdigest(),
+            }
+            for path, data in files.items()
+        },
+    }
+    write_bytes(journal, json.dumps(note).encode())
     try:
         for path, data in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             write_bytes(path, data)
     except BaseException:
-        for path, data in before.items():
-            if data is not None:
-                write_bytes(path, data)
-            else:
-                path.unlink(missing_ok=True)
-        for folder in folders:
-            if folder.exists():
-                folder.rmdir()
+        _take_back(note, root)
         raise
+    finally:
+        journal.unlink()
+
+
+def _resume(journal: Path, root: Path) -> list[Path]:
+    """Bring to an end what was killed: the files that are all there; none where it took them back.
+
+    Where somebody has worked on one of them since, all stay as they are.
+    """
+    for copy in journal.parent.glob(f".{journal.name}.{RANDOM}.tmp"):
+        copy.unlink()
+    if not journal.exists():
+        return []
+    note = json.loads(journal.read_bytes())
+    states = [_state(root / name, change) for name, change in note["files"].items()]
+    if "old" in states and "changed" not in states:
+        _take_back(note, root)
+    journal.unlink()
+    return [root / name for name in note["files"]] if set(states) == {"new"} else []
+
+
+def _take_back(note: Mapping[str, Any], root: Path) -> None:
+    for name, change in note["files"].items():
+        path = root / name
+        for copy in path.parent.glob(f".{path.name}.{RANDOM}.tmp"):
+            copy.unlink()
+        if change["old"] is None:
+            path.unlink(missing_ok=True)
+        elif _state(path, change) != "old":
+            write_bytes(path, change["old"].encode())
+    for name in note["folders"]:
+        with contextlib.suppress(OSError):  # it was not made, or somebody has put something there
+            (root / name).rmdir()
+
+
+def _state(path: Path, change: Mapping[str, Any]) -> str:
+    """Whether a file is the "old" one, which may be none, the "new" one, or "changed" since."""
+    data = path.read_bytes() if path.exists() else None
+    if data == (None if change["old"] is None else change["old"].encode()):
+        return "old"
+    return "new" if hashlib.sha256(data or b"").hexdigest() == change["new"] else "changed"
+
+
+def _name(path: Path, root: Path) -> str:
+    return path.relative_to(root).as_posix()
 
 
 def _folders(files: Iterable[Path]) -> list[Path]:

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -166,6 +167,72 @@ def test_where_the_disk_is_full_nothing_is_left(root, monkeypatch, count):
     with pytest.raises(OSError, match="No space left"):
         new("3", "clouds", root=root)
     assert everything(root) == before
+
+
+def killed(root, monkeypatch, count, half):
+    """Begin a chapter in a process that is killed before, or in the middle of, one of its files."""
+    real, calls = module.write_bytes, []
+
+    def until(path, data):
+        calls.append(path)
+        if len(calls) == count + 1:
+            if half:
+                (path.parent / f".{path.name}.0123456789abcdef.tmp").write_bytes(data[:9])
+            os.kill(os.getpid(), signal.SIGKILL)
+        real(path, data)
+
+    child = os.fork()
+    if child == 0:
+        module.write_bytes = until
+        new("3", "clouds", root=root)
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == signal.SIGKILL
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this test forks")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+@pytest.mark.parametrize("name", ["clouds", "others"])
+@pytest.mark.parametrize(("count", "half"), [(0, True), (1, False), (12, True), (24, True)])
+def test_after_a_kill_the_next_one_begins_anew(
+    root, tmp_path_factory, monkeypatch, name, count, half
+):
+    whole = tmp_path_factory.mktemp("whole") / "root"
+    shutil.copytree(root, whole)
+    expected = {path.relative_to(whole) for path in new("3", name, root=whole)}
+    killed(root, monkeypatch, count, half)
+    assert {path.relative_to(root) for path in new("3", name, root=root)} == expected
+    found, wanted = everything(root), everything(whole)
+    assert {p.relative_to(root): data for p, data in found.items()} == {
+        p.relative_to(whole): data for p, data in wanted.items()
+    }
+
+
+def test_one_that_was_killed_at_its_very_end_is_done(root, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(module.Path, "unlink", lambda *_, **__: None)
+        files = new("3", "clouds", root=root)
+    before = everything(root)
+    assert (root / module.UNFINISHED).exists()
+    assert new("3", "clouds", root=root) == files
+    assert set(before) - set(everything(root)) == {
+        root / module.UNFINISHED,
+        root / "book/.new.unfinished.lock.tmp",
+    }
+
+
+def test_what_somebody_has_worked_on_since_a_kill_stays(root, monkeypatch):
+    killed(root, monkeypatch, 12, False)
+    page = next((root / "book").rglob("*.py"))
+    page.write_text("my work")
+    with pytest.raises(ValueError, match="expected"):
+        new("3", "clouds", root=root)
+    assert page.read_text() == "my work"
+
+
+def test_two_at_once(root):
+    with module.claim(root / module.UNFINISHED):
+        with pytest.raises(ValueError, match="root: expected a project in which no other process"):
+            new("3", "clouds", root=root)
 
 
 @pytest.mark.slow
