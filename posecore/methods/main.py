@@ -12,7 +12,7 @@ from data_tools.storage import MakingError
 from posecore.command_line import INTERRUPTED, Interrupts, refuse_empty
 from posecore.methods import METHODS
 from posecore.methods.evaluating import add_evaluate
-from posecore.methods.notes import OUTPUT, leave_output, note, warn
+from posecore.methods.notes import OUTPUT, lacks_memory, leave_output, note, warn
 
 __all__ = ["main", "parse", "run"]
 
@@ -57,10 +57,13 @@ def run(options: argparse.Namespace) -> int:
             what = str(error) or "not enough memory"
             warn(f"error: {' '.join(what.splitlines())}")
             return 2
-        except Exception:
+        except Exception as error:
             if interrupts.came:
                 return _interrupted()
-            raise
+            if not lacks_memory(error):
+                raise
+            warn(f"error: not enough memory: {' '.join(str(error).split()):.200}")
+            return 2
     return 0
 
 

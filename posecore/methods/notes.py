@@ -4,12 +4,27 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import sys
 
-__all__ = ["OUTPUT", "leave_output", "note", "say", "warn"]
+__all__ = ["OUTPUT", "lacks_memory", "leave_output", "note", "say", "warn"]
 
 OUTPUT = "standard output"
 """What errors call it."""
+
+
+# Of PyTorch's allocators; of oneDNN, which cannot prepare a layer; of threads without a stack.
+MEMORY = re.compile(
+    "allocate memory|not enough memory|out of memory|bad_alloc|start new thread"
+    "|could not create a (primitive|memory)"
+)
+
+
+def lacks_memory(error: BaseException) -> bool:
+    """Whether an error says that there is not enough memory: libraries have no kind for it."""
+    return isinstance(error, MemoryError) or (
+        isinstance(error, RuntimeError) and MEMORY.search(" ".join(str(error).split())) is not None
+    )
 
 
 def say(text: str) -> None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import re
+import contextlib
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,9 +15,10 @@ from torch import Tensor, nn
 
 from data_tools.batches import Stack, load
 from data_tools.linemod.folders import find_objects, lists_of
+from data_tools.storage.locks import claim
 from data_tools.views import Dataset, ModelSet
 from posecore.arrays import fail, require_integer
-from posecore.methods.notes import note
+from posecore.methods.notes import lacks_memory, note
 from posecore.methods.runs import Run
 from posecore.methods.sources import SOURCE, open_source
 from posecore.scale import SCALES, scale
@@ -66,10 +67,10 @@ def _interruptible(
 ) -> None:
     try:
         command(options)
-    except RuntimeError as error:  # torch's allocators say no more than this
-        if not re.search("allocate memory|not enough memory|out of memory", str(error)):
+    except (RuntimeError, MemoryError) as error:
+        if not lacks_memory(error):
             raise
-        words = " ".join(str(error).split())
+        words = " ".join(str(error).split()) or "not enough memory"
         raise ValueError(f"--batch: expected one that fits into memory: {words:.200}") from error
     except KeyboardInterrupt:
         print("\nstopped; the same command goes on from here", file=sys.stderr)
@@ -115,6 +116,31 @@ class Job(NamedTuple):
             fail("--out", "a folder", f"the file {options.out!r}")
         rank, processes = launched()
         return cls(path, options.scale or scale(), device, processes, rank == 0)
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """Let no other training into the folder; made if it is not there.
+
+        Raises:
+            ValueError: if another process trains in it.
+            OSError: if it cannot be written to.
+        """
+        if not self.first:  # the first process stands for all of them
+            yield
+            return
+        new = [path for path in (self.path, *self.path.parents) if not path.exists()]
+        self.path.mkdir(parents=True, exist_ok=True)
+        try:
+            with claim(self.path / "training") as claimed:
+                if not claimed.mine:
+                    fail(
+                        "--out", "a folder of its own", f"{self.path}: another process trains there"
+                    )
+                yield
+        finally:
+            with contextlib.suppress(OSError):  # where something was written they stay
+                for path in new:
+                    path.rmdir()
 
     def fit(
         self,

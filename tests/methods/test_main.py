@@ -127,13 +127,21 @@ def test_an_interrupt_is_one_line(capsys, monkeypatch, error, command):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_not_enough_memory_is_one_line(capsys, monkeypatch):
+@pytest.mark.parametrize(
+    ("error", "more"),
+    [
+        (MemoryError(), ""),
+        (RuntimeError("could not create a primitive"), ": could not create a primitive"),
+        (RuntimeError("can't start new\nthread"), ": can't start new thread"),
+    ],
+)
+def test_not_enough_memory_is_one_line(capsys, monkeypatch, error, more):
     def broken(*_, **__):
-        raise MemoryError
+        raise error
 
     monkeypatch.setattr(evaluating, "read_results", broken)
     assert main(["evaluate", "est.csv", "gt.csv"]) == 2
-    assert capsys.readouterr() == ("", "error: not enough memory\n")
+    assert capsys.readouterr() == ("", f"error: not enough memory{more}\n")
 
 
 @pytest.mark.slow

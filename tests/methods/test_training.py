@@ -148,6 +148,8 @@ def test_the_split_that_is_read_unless_another_is_asked_for(opened, tmp_path):
         "[enforce fail at alloc_cpu.cpp:124] err == 0. DefaultCPUAllocator: can't allocate memory",
         "DefaultCPUAllocator: not enough memory: you tried to allocate 7 bytes.",
         "CUDA out of memory. Tried to allocate 7 GiB.",
+        "could not create a primitive",
+        "could not create a memory object",
     ],
 )
 def test_what_does_not_fit_is_one_line(text):
@@ -178,3 +180,17 @@ def test_data_that_will_not_do(opened, three):
     three.object_ids = ()
     with pytest.raises(ValueError, match="^--data: expected data with known poses"):
         open_data(parsed(), JOB, {})
+
+
+def test_two_do_not_train_in_one_folder(tmp_path):
+    job = Job(tmp_path / "runs" / "r", "tiny", torch.device("cpu"), 1, True)
+    with job.alone():
+        with pytest.raises(ValueError, match="^--out: expected .*another process trains there"):
+            with job.alone():
+                pass
+        with job._replace(first=False).alone():  # another process of the same training
+            pass
+    assert list(tmp_path.iterdir()) == [], "where nothing was written nothing is left"
+    with job.alone():
+        (job.path / "run.json").touch()
+    assert list(job.path.iterdir()) == [job.path / "run.json"]

@@ -38,13 +38,15 @@ def train(options: argparse.Namespace) -> None:
     """Run the command.
 
     Raises:
-        ValueError: for an option that cannot be, or data that do not fit.
+        ValueError: for an option that cannot be, data that do not fit, or a folder in which another
+            process trains.
         OSError: if the run cannot be written.
     """
     task = _prepare(options)
-    net = _train_field(task, options.imagenet)
-    if task.run.refiner_width is not None:
-        _train_refiner(task, net)
+    with task.job.alone():
+        net = _train_field(task, options.imagenet)
+        if task.run.refiner_width is not None:
+            _train_refiner(task, net)
 
 
 class _Task(NamedTuple):
