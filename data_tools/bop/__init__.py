@@ -4,7 +4,7 @@ On disk BOP has millimetres; everything that leaves this package is in metres.
 """
 
 from data_tools.bop.dataset import BopDataset
-from data_tools.bop.models import ModelInfo, Models
+from data_tools.bop.models import ModelInfo, ModelInfoWarning, Models
 from data_tools.bop.results import read_results, write_results
 from data_tools.bop.rotations import RotationWarning
 from data_tools.bop.writing import write_dataset
@@ -12,6 +12,7 @@ from data_tools.bop.writing import write_dataset
 __all__ = [
     "BopDataset",
     "ModelInfo",
+    "ModelInfoWarning",
     "Models",
     "RotationWarning",
     "read_results",

@@ -68,7 +68,9 @@ def write_models(folder: Path, models: Mapping[int, Model], infos: Mapping[int, 
     written = Models(folder)  # diameters and boxes of what is really there
     lines = []
     for object_id in ids:
-        info = infos.get(object_id) or _with_symmetries(written.info(object_id), models[object_id])
+        info = infos.get(object_id)
+        if info is None:
+            info = _with_symmetries(written.measured(object_id), models[object_id])
         lines.append(f'  "{object_id}": {json.dumps(_to_entry(info), sort_keys=True)}')
     text = "{\n" + ",\n".join(lines) + "\n}\n"
     write_bytes(folder / "models_info.json", text.encode("ascii"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +22,7 @@ from data_tools.bop.rotations import check_rotations
 from data_tools.bop.scenes import read_by_id
 from posecore.arrays import fail, require_number
 
-__all__ = ["MOST_SYMMETRIES", "ModelInfo", "Models"]
+__all__ = ["MOST_SYMMETRIES", "ModelInfo", "ModelInfoWarning", "Models"]
 
 MOST_SYMMETRIES = 10_000  # motions of one object; an axis and a flip make 630
 FARTHEST = 1e12  # metres: what is beyond has no squares and sums in float32
@@ -122,6 +123,10 @@ class ModelInfo:
         return (np.concatenate(turns) @ flips[:, None]).reshape(-1, 4, 4)
 
 
+class ModelInfoWarning(UserWarning):
+    """A list of models does not say what is known of an object, so that it is measured."""
+
+
 class Models:
     """The objects in a folder of models: `obj_000001.ply`, ... and `models_info.json`.
 
@@ -158,18 +163,33 @@ class Models:
         """Diameter, box and symmetries of an object.
 
         They come from `models_info.json`. An object that it does not list gets them from its mesh,
-        without symmetries.
+        without symmetries, which a `ModelInfoWarning` says once: of an object that has symmetries,
+        errors that allow for them are then those of another object.
 
         Raises:
             ValueError: if there is no such object, or its file is damaged.
         """
         self._require_id(object_id)
         if object_id not in self._infos:
-            vertices = self.mesh(object_id).vertices
-            self._infos[object_id] = ModelInfo(
-                _diameter(vertices), vertices.min(0), np.ptp(vertices, 0), np.zeros((0, 4, 4))
+            self._infos[object_id] = self.measured(object_id)
+            warnings.warn(
+                f"{self.path}: no entry for object {object_id} in models_info.json: its diameter "
+                "is measured, no symmetries are known",
+                ModelInfoWarning,
+                stacklevel=2,
             )
         return self._infos[object_id]
+
+    def measured(self, object_id: int) -> ModelInfo:
+        """Diameter and box of an object's mesh, whatever `models_info.json` says; no symmetries.
+
+        Raises:
+            ValueError: if there is no such object, or its file is damaged.
+        """
+        vertices = self.mesh(object_id).vertices
+        return ModelInfo(
+            _diameter(vertices), vertices.min(0), np.ptp(vertices, 0), np.zeros((0, 4, 4))
+        )
 
     def mesh(self, object_id: int) -> trimesh.Trimesh:
         """The mesh of an object in metres; it is read once, so copy it before changing it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,8 @@ import trimesh
 
 from data_tools.bop.files import read_number
 from data_tools.bop.meshes import MESH_SUFFIXES, read_mesh
-from data_tools.bop.models import ModelInfo, _diameter
-from data_tools.linemod.folders import ObjectFolder
+from data_tools.bop.models import ModelInfo, ModelInfoWarning, _diameter
+from data_tools.linemod.folders import NAMES, ObjectFolder
 from data_tools.linemod.poses import read_text, read_yaml
 from posecore.arrays import fail
 
@@ -59,8 +60,9 @@ class LinemodModels:
         """Diameter, box and symmetries of an object.
 
         They come from `models_info.yml` or, of an own object, the diameter from `diameter.txt`; and
-        from the mesh where there is no such file. Only the eggbox and the glue have a symmetry, the
-        half turn about z through the middle of their box.
+        from the mesh where there is no such file; of DenseFusion's layout, which has such a list, a
+        `ModelInfoWarning` says so once per object. Only the eggbox and the glue have a symmetry,
+        the half turn about z through the middle of their box.
 
         Raises:
             ValueError: if there is no such object, or a file is damaged.
@@ -98,6 +100,15 @@ class LinemodModels:
             points = self.mesh(object_id).vertices
             minimum, size = points.min(0), np.ptp(points, axis=0)
             diameter = _diameter(points)
+            if folder.layout == "densefusion":  # the others never have a list
+                # Those of LINEMOD's own objects are not in its list either.
+                unknown = "" if object_id in NAMES else ", no symmetries are known"
+                warnings.warn(
+                    f"{file.parent}: no entry for object {object_id} in models_info.yml: its "
+                    f"diameter is measured{unknown}",
+                    ModelInfoWarning,
+                    stacklevel=3,
+                )
         if folder.layout == "own" and (path := folder.path / "diameter.txt").is_file():
             given = float(read_text(path, (1,))[0])
             if not 0.5 * diameter < given < 2 * diameter:

@@ -148,6 +148,17 @@ def test_a_mesh_in_metres_is_noticed(files, capsys):
     assert "object 1: the mesh measures 0.0001 m" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("content", [None, "{}"])
+def test_models_without_a_list_are_noted(files, capsys, content):
+    path = files / "models" / "models_info.json"
+    path.unlink() if content is None else path.write_text(content)
+    assert evaluate(files) == 0
+    line = (
+        f"note: {path.parent}: no entry for object 1 in models_info.json: its diameter is measured"
+    )
+    assert capsys.readouterr().err.count(line + ", no symmetries are known\n") == 1
+
+
 def test_objects_that_are_not_asked_for_need_no_mesh(files, capsys):
     path = files / "models" / "models_info.json"
     info = json.loads(path.read_text())

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
-from data_tools.bop import ModelInfo, Models
+from data_tools.bop import ModelInfo, ModelInfoWarning, Models
 from data_tools.bop.models import _diameter
 
 NONE = np.zeros((0, 4, 4))
@@ -135,7 +135,14 @@ def test_models_of_the_toy(tree):
 
 def test_what_models_info_does_not_list_is_computed(tree):
     models = Models(tree.path / "models")
-    three = models.info(3)
+    expected = (
+        r"models: no entry for object 3 in models_info\.json: its diameter is measured, "
+        "no symmetries are known"
+    )
+    with pytest.warns(ModelInfoWarning, match=expected):
+        three = models.info(3)
+    assert models.info(3) is three  # and nothing more is said
+    assert models.info(1).diameter == 0.1235
     assert three.diameter == pytest.approx(math.sqrt(100**2 + 60**2 + 40**2) / 1000, rel=1e-15)
     np.testing.assert_allclose(three.minimum, [-0.05, -0.03, -0.005], atol=1e-17)
     np.testing.assert_allclose(three.size, [0.1, 0.06, 0.04], atol=1e-16)
@@ -143,7 +150,9 @@ def test_what_models_info_does_not_list_is_computed(tree):
     tree.remove("models/models_info.json")
     without = Models(tree.path / "models")
     assert without.ids == (1, 2, 3)
-    assert without.info(1).diameter == pytest.approx(three.diameter, rel=1e-15)
+    with pytest.warns(ModelInfoWarning, match="no entry for object 1"):
+        one = without.info(1)
+    assert one.diameter == pytest.approx(three.diameter, rel=1e-15)
 
 
 def change(tree, **entries):
@@ -283,7 +292,7 @@ def test_models_of_other_formats(tree):
     np.testing.assert_allclose(models.mesh(1).vertices, vertices / 1000, atol=1e-10)
     np.testing.assert_array_equal(models.mesh(2).vertices, tree.vertices[2] / 1000)
     np.testing.assert_allclose(models.mesh(3).bounds, mesh.bounds / 1000, atol=1e-9)
-    np.testing.assert_allclose(models.info(3).size, [0.1, 0.06, 0.04], atol=1e-8)
+    np.testing.assert_allclose(models.measured(3).size, [0.1, 0.06, 0.04], atol=1e-8)
 
 
 @pytest.mark.parametrize("name", ["obj_².ply", "obj_٣.ply", "obj_" + "9" * 30 + ".ply"])
@@ -336,7 +345,7 @@ def test_a_model_is_read_as_it_was_written(seed, n):
     with tempfile.TemporaryDirectory() as name:
         Path(name, "obj_000007.ply").write_text("\n".join(head + rows) + "\n")
         models = Models(name)
-        mesh, found = models.mesh(7), models.info(7)
+        mesh, found = models.mesh(7), models.measured(7)
     assert models.ids == (7,)
     np.testing.assert_allclose(mesh.vertices, vertices / 1000, rtol=1e-12)
     np.testing.assert_array_equal(mesh.faces, faces)

@@ -132,7 +132,9 @@ def make_densefusion(path: Path) -> Folder:
     made.write(
         "models/models_info.yml",
         "1: {diameter: 115.5, min_x: -45.0, min_y: -30.0, min_z: -20.0, "
-        "size_x: 90.0, size_y: 60.0, size_z: 40.0}\n",
+        "size_x: 90.0, size_y: 60.0, size_z: 40.0}\n"
+        "2: {diameter: 102.0, min_x: -30, min_y: -40, min_z: -10, size_x: 60, size_y: 80, "
+        "size_z: 20}\n",
     )
     return made
 

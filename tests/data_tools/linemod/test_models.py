@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 
+from data_tools.bop import ModelInfoWarning
 from data_tools.linemod import LinemodModels
 from data_tools.linemod.folders import find_objects
 
@@ -56,7 +57,10 @@ def test_infos_of_the_list(densefusion):
     assert info.diameter == 0.1155
     np.testing.assert_array_equal(info.minimum, [-0.045, -0.03, -0.02])
     np.testing.assert_array_equal(info.size, [0.09, 0.06, 0.04])
-    assert models_of(densefusion).info(2).diameter == pytest.approx(np.hypot(0.1, 0.02), rel=1e-7)
+    densefusion.edit("models/models_info.yml", "2: {", "5: {")
+    with pytest.warns(ModelInfoWarning, match=r"object 2 in models_info\.yml: its diameter is mea"):
+        measured = models_of(densefusion).info(2)
+    assert measured.diameter == pytest.approx(np.hypot(0.1, 0.02), rel=1e-7)
     # Beside the folder of models instead of in it.
     (densefusion.path / "models/models_info.yml").rename(densefusion.path / "models_info.yml")
     assert models_of(densefusion).info(1).diameter == 0.1155
