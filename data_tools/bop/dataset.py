@@ -21,10 +21,13 @@ import numpy as np
 from data_tools.bop.files import (
     IMAGE_SUFFIXES,
     find_image,
+    has_file,
+    has_folder,
     read_depth,
     read_grey,
     read_mask,
     read_rgb,
+    refuse_broken_link,
 )
 from data_tools.bop.layout import SceneFiles, choose_sensor, find_scenes, number_of
 from data_tools.bop.models import Models
@@ -84,6 +87,8 @@ class BopDataset(Dataset):
         self.path = Path(path)
         splits = sorted(p.name for p in self.path.iterdir() if p.is_dir() and find_scenes(p))
         if not splits:
+            for place in sorted(self.path.iterdir()):
+                refuse_broken_link(place)
             fail("path", "a folder with splits and scenes, such as test/000001", repr(str(path)))
         if isinstance(split, str) and sensor is None:
             split, _, name = split.partition(":")
@@ -91,6 +96,8 @@ class BopDataset(Dataset):
         if split is None and len(splits) == 1:
             split = splits[0]
         if split not in splits:
+            if isinstance(split, str):
+                refuse_broken_link(self.path / split)
             fail("split", f"one of {', '.join(splits)} in {path}", repr(split))
         self.split: str = split
         self.rotations = rotations
@@ -103,7 +110,7 @@ class BopDataset(Dataset):
         if targets is not None:
             file = self.path / targets
             known = {(i, image) for i, cameras in self._cameras.items() for image in cameras}
-            self._targets = read_targets(file if file.is_file() else Path(targets), known, split)
+            self._targets = read_targets(file if has_file(file) else Path(targets), known, split)
         index = [(scene, image) for scene, cameras in self._cameras.items() for image in cameras]
         self._index = [key for key in index if self._targets is None or key in self._targets]
 
@@ -200,7 +207,7 @@ class BopDataset(Dataset):
 
     @cached_property
     def _models(self) -> Models | None:
-        folder = next((f for f in MODEL_FOLDERS if (self.path / f).is_dir()), None)
+        folder = next((f for f in MODEL_FOLDERS if has_folder(self.path / f)), None)
         return None if folder is None else Models(self.path / folder)
 
     def _object(
@@ -257,9 +264,9 @@ class BopDataset(Dataset):
     def _read_annotations(self, scene_id: int) -> Annotations:
         files = self._scenes[scene_id]
         path, info_path = files.json("scene_gt"), files.json("scene_gt_info")
-        if not path.is_file() and not info_path.is_file() and self.split.startswith("test"):
+        if not has_file(path) and not has_file(info_path) and self.split.startswith("test"):
             return Annotations({}, np.zeros(0, np.int64), np.zeros((0, 3, 3)), np.zeros((0, 3)))
-        info = info_path if info_path.is_file() else None
+        info = info_path if has_file(info_path) else None
         annotations = read_annotations(path, info, self.rotations)
         for image_id in annotations.rows:
             if image_id not in self._cameras[scene_id]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ from data_tools.bop.pictures import decode_picture, describe, is_jpeg, not_black
 
 __all__ = [
     "find_image",
+    "has_file",
+    "has_folder",
     "read_bytes",
     "read_depth",
     "read_grey",
@@ -27,10 +30,50 @@ __all__ = [
     "read_number",
     "read_numbers",
     "read_rgb",
+    "refuse_broken_link",
 ]
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 LARGEST_ID = 10**18 - 1  # what fits into 64 bits, and is said easily
+
+
+def has_file(path: Path) -> bool:
+    """Whether a file is there.
+
+    Raises:
+        ValueError: if a link is there that leads nowhere.
+    """
+    if path.is_file():
+        return True
+    refuse_broken_link(path)
+    return False
+
+
+def has_folder(path: Path) -> bool:
+    """Whether a folder is there.
+
+    Raises:
+        ValueError: if a link is there that leads nowhere.
+    """
+    if path.is_dir():
+        return True
+    refuse_broken_link(path)
+    return False
+
+
+def refuse_broken_link(path: Path) -> None:
+    """Refuse a symbolic link that leads nowhere, as to a disk that is not mounted.
+
+    To take it for nothing would drop a whole kind of images without a word.
+
+    Raises:
+        ValueError: naming the link and where it leads.
+    """
+    if path.is_symlink() and not os.path.exists(path):
+        raise ValueError(
+            f"{path}: this link leads to {os.readlink(path)}, where nothing is: expected its "
+            "disk to be mounted, or no link"
+        )
 
 
 def read_bytes(path: Path) -> bytes:
@@ -38,11 +81,12 @@ def read_bytes(path: Path) -> bytes:
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it is empty or cannot be read.
+        ValueError: if it is empty or cannot be read, or is a link that leads nowhere.
     """
     try:
         data = Path(path).read_bytes()
     except FileNotFoundError:
+        refuse_broken_link(Path(path))
         raise FileNotFoundError(f"{path}: no such file") from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror}") from error
@@ -56,9 +100,10 @@ def find_image(folder: Path, stem: str) -> Path:
 
     Raises:
         FileNotFoundError: if there is none.
+        ValueError: if it is a link that leads nowhere.
     """
     for suffix in (*IMAGE_SUFFIXES, *map(str.upper, IMAGE_SUFFIXES)):
-        if (path := folder / (stem + suffix)).is_file():
+        if has_file(path := folder / (stem + suffix)):
             return path
     raise FileNotFoundError(f"{folder / stem}: no such image ({', '.join(IMAGE_SUFFIXES)})")
 

@@ -15,6 +15,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from data_tools.bop.files import has_folder
 from posecore.arrays import fail
 
 __all__ = ["SceneFiles", "choose_sensor", "find_scenes", "number_of"]
@@ -40,11 +41,15 @@ class SceneFiles:
         return self.folder / f"{self._named(name)}.json"
 
     def images(self, kind: str) -> Path | None:
-        """The folder of "rgb", "gray", "depth", "mask" or "mask_visib"; None if there is none."""
+        """The folder of "rgb", "gray", "depth", "mask" or "mask_visib"; None if there is none.
+
+        Raises:
+            ValueError: if it is a link that leads nowhere.
+        """
         names = [self._named(kind)]
         if self.sensor.startswith(kind):  # HOT3D's sensors are called by what they see: gray1
             names.append(self.sensor)
-        return next((path for n in names if (path := self.folder / n).is_dir()), None)
+        return next((path for n in names if has_folder(path := self.folder / n)), None)
 
     def _named(self, name: str) -> str:
         return f"{name}_{self.sensor}" if self.sensor else name
@@ -60,10 +65,10 @@ def find_scenes(folder: Path) -> dict[int, Path]:
     """The scenes of a split by their ids: the folders with a number for a name.
 
     Raises:
-        ValueError: if two have the same number.
+        ValueError: if two have the same number, or one is a link that leads nowhere.
     """
-    numbered = ((number_of(p.name), p) for p in folder.iterdir() if p.is_dir())
-    found = sorted((number, p) for number, p in numbered if number is not None)
+    numbered = ((number_of(p.name), p) for p in folder.iterdir())
+    found = sorted((n, p) for n, p in numbered if n is not None and has_folder(p))
     if len(dict(found)) < len(found):
         raise ValueError(f"{folder}: two folders of one scene, {[p.name for _, p in found]}")
     return dict(found)

@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
-from data_tools.bop.files import read_number, read_numbers
+from data_tools.bop.files import has_file, has_folder, read_number, read_numbers
 from data_tools.bop.meshes import MESH_SUFFIXES, read_mesh
 from data_tools.bop.rotations import check_rotations
 from data_tools.bop.scenes import read_by_id
@@ -141,11 +141,11 @@ class Models:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        if not self.path.is_dir():
+        if not has_folder(self.path):
             fail("path", "a folder of models", repr(str(path)))
         self._files = _find_meshes(self.path)
         info_file = self.path / "models_info.json"
-        entries = read_by_id(info_file) if info_file.is_file() else {}
+        entries = read_by_id(info_file) if has_file(info_file) else {}
         self._infos = {i: _read_info(info_file, i, entry) for i, entry in entries.items()}
         self._meshes: dict[int, trimesh.Trimesh] = {}
         if not self.ids:

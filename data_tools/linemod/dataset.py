@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from data_tools.bop.files import read_depth, read_mask, read_rgb
+from data_tools.bop.files import has_folder, read_depth, read_mask, read_rgb
 from data_tools.linemod.folders import (
     Numbered,
     ObjectFolder,
@@ -220,11 +220,11 @@ class LinemodDataset(Dataset):
             folder = self._folders[object_id]
             path, layout = folder.path, folder.layout
             kinds = {"rgb": path / ("JPEGImages" if layout == "pvnet" else "rgb")}
-            if layout == "densefusion" and (path / "depth").is_dir():
+            if layout == "densefusion" and has_folder(path / "depth"):
                 kinds["depth"] = path / "depth"
             if self.masks == "segnet":
                 kinds["mask"] = path.parents[1] / "segnet_results" / f"{object_id:02d}_label"
-            elif (path / "mask").is_dir():
+            elif has_folder(path / "mask"):
                 kinds["mask"] = path / "mask"
             self._files[object_id] = {kind: Numbered(place) for kind, place in kinds.items()}
         return self._files[object_id]

@@ -15,7 +15,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from data_tools.bop.files import IMAGE_SUFFIXES, read_bytes
+from data_tools.bop.files import (
+    IMAGE_SUFFIXES,
+    has_file,
+    has_folder,
+    read_bytes,
+    refuse_broken_link,
+)
 from posecore.arrays import fail
 
 __all__ = [
@@ -70,7 +76,7 @@ class Numbered:
 
     def __init__(self, folder: Path, suffixes: tuple[str, ...] = PICTURES) -> None:
         self.folder = folder
-        if not folder.is_dir():
+        if not has_folder(folder):
             raise ValueError(f"{folder}: no such folder")
         self._files: dict[int, Path] = {}
         for file in sorted(folder.iterdir()):
@@ -107,9 +113,11 @@ def find_objects(path: Path) -> dict[int, ObjectFolder]:
     """
     if (found := _object_in(path)) is not None:
         return {found.object_id: found}
-    parent = path / "data" if (path / "data").is_dir() else path
+    parent = path / "data" if has_folder(path / "data") else path
     objects: dict[int, ObjectFolder] = {}
     for child in sorted(parent.iterdir()):
+        if child.name in NAMES.values() or re.fullmatch(NUMBER, child.name):
+            refuse_broken_link(child)
         found = _object_in(child) if child.is_dir() else None
         if found is None or found.layout == "own":
             continue
@@ -129,16 +137,16 @@ def find_objects(path: Path) -> dict[int, ObjectFolder]:
 def _object_in(path: Path) -> ObjectFolder | None:
     """What a folder holds; None if it is not that of an object."""
     numbers = {name: number for number, name in NAMES.items()}
-    if (path / "JPEGImages").is_dir() and path.name in numbers:
+    if path.name in numbers and has_folder(path / "JPEGImages"):
         return ObjectFolder(numbers[path.name], path.name, path, "pvnet")
-    if not (path / "rgb").is_dir():
+    if not has_folder(path / "rgb"):
         return None
     match = re.fullmatch(NUMBER, path.name)
-    if match is None or (path / "camera.txt").is_file():
+    if match is None or has_file(path / "camera.txt"):
         return ObjectFolder(1, path.name, path, "own")
     number = int(match[1])
     # Others continue the numbers with objects of their own; LINEMOD's bowl and cup have no poses.
-    if number in NAMES or number > max(NAMES) or (path / "gt.yml").is_file():
+    if number in NAMES or number > max(NAMES) or has_file(path / "gt.yml"):
         return ObjectFolder(number, NAMES.get(number, path.name), path, "densefusion")
     return None
 
@@ -146,7 +154,7 @@ def _object_in(path: Path) -> ObjectFolder | None:
 def lists_of(folders: Iterable[ObjectFolder]) -> list[str]:
     """The splits that `train.txt` and `test.txt` of some of the objects list."""
     folders = list(folders)
-    return [s for s in SPLITS if any((f.path / f"{s}.txt").exists() for f in folders)]
+    return [s for s in SPLITS if any(has_file(f.path / f"{s}.txt") for f in folders)]
 
 
 def read_numbers_of(path: Path) -> list[int]:
@@ -198,6 +206,6 @@ def require_file(path: Path) -> Path:
     Raises:
         ValueError: if there is none.
     """
-    if not path.is_file():
+    if not has_file(path):
         raise ValueError(f"{path}: no such file")
     return path

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from data_tools.bop.files import read_number
+from data_tools.bop.files import has_file, read_number
 from data_tools.bop.meshes import MESH_SUFFIXES, read_mesh
 from data_tools.bop.models import ModelInfo, ModelInfoWarning, _diameter
 from data_tools.linemod.folders import NAMES, ObjectFolder
@@ -37,7 +37,7 @@ class LinemodModels:
         self._meshes: dict[int, trimesh.Trimesh] = {}
         self._infos: dict[int, ModelInfo] = {}
         self._files = {i: _mesh_file(folder) for i, folder in folders.items()}
-        self.ids: tuple[int, ...] = tuple(i for i, file in self._files.items() if file.is_file())
+        self.ids: tuple[int, ...] = tuple(i for i, file in self._files.items() if has_file(file))
 
     def __repr__(self) -> str:
         return f"LinemodModels(objects {list(self.ids)})"
@@ -88,7 +88,7 @@ class LinemodModels:
         where, entry = str(file), None
         if folder.layout == "densefusion":
             places = (file.with_name("models_info.yml"), file.parents[1] / "models_info.yml")
-            if (path := next((p for p in places if p.is_file()), None)) is not None:
+            if (path := next((p for p in places if has_file(p)), None)) is not None:
                 where, entry = f"{path}: object {object_id}", read_yaml(path, dict).get(object_id)
         if entry is not None:
             minimum, size = (
@@ -109,7 +109,7 @@ class LinemodModels:
                     ModelInfoWarning,
                     stacklevel=3,
                 )
-        if folder.layout == "own" and (path := folder.path / "diameter.txt").is_file():
+        if folder.layout == "own" and has_file(path := folder.path / "diameter.txt"):
             given = float(read_text(path, (1,))[0])
             if not 0.5 * diameter < given < 2 * diameter:
                 raise ValueError(
@@ -136,4 +136,4 @@ def _mesh_file(folder: ObjectFolder) -> Path:
     if folder.layout == "densefusion":
         place = folder.path.parents[1] / "models" / f"obj_{folder.object_id:02d}.ply"
     files = [place.with_suffix(suffix) for suffix in MESH_SUFFIXES]
-    return next((file for file in files if file.is_file()), place)
+    return next((file for file in files if has_file(file)), place)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from data_tools.bop.files import read_bytes, read_integer, read_number, read_numbers
+from data_tools.bop.files import has_file, read_bytes, read_integer, read_number, read_numbers
 from data_tools.bop.rotations import check_rotations
 from data_tools.linemod.folders import Numbered, ObjectFolder, decode_text, require_file
 
@@ -86,7 +86,7 @@ def _read_npy_frames(folder: ObjectFolder, images: list[int], rotations: str) ->
 def _read_yaml_frames(folder: ObjectFolder, images: list[int], rotations: str) -> dict[int, Frame]:
     path, info_path = folder.path / "gt.yml", folder.path / "info.yml"
     poses = read_yaml(path, list)
-    infos = read_yaml(info_path, dict) if info_path.is_file() else None
+    infos = read_yaml(info_path, dict) if has_file(info_path) else None
     R, t, box, K, scale = [], [], [], [], []
     for image in images:
         where = f"{path}: image {image}"

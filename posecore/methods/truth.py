@@ -11,7 +11,7 @@ import numpy as np
 
 import data_tools
 from data_tools.bop import Models, read_results
-from data_tools.bop.files import read_json, read_number
+from data_tools.bop.files import has_file, read_json, read_number
 from data_tools.views import Dataset, ModelSet
 from posecore.arrays import fail
 from posecore.cameras import require_intrinsics
@@ -104,7 +104,7 @@ def _width_of(dataset: Dataset, kind: str) -> float:
     if kind == "linemod":
         return float(dataset[0].shape[1])
     path = dataset.path / "camera.json"
-    if path.is_file():
+    if has_file(path):
         return _read_camera(path, "width")[0]
     note(f"no {path}: images are taken to be {WIDTH:.0f} pixels wide (thresholds of MSPD)")
     return WIDTH
@@ -135,7 +135,7 @@ def _from_files(options: argparse.Namespace) -> Truth:
     poses = read_results(options.ground_truth, rotations=options.rotations)
     models = Models(options.models)
     path = Path(options.camera or Path(options.models).resolve().parent / "camera.json")
-    if not options.camera and not path.is_file():
+    if not options.camera and not has_file(path):
         note(f"no {path}, so no errors in pixels (--camera names another)")
         return Truth(poses, poses.images, models, None, WIDTH)
     fx, fy, cx, cy, width = _read_camera(path, "fx", "fy", "cx", "cy", "width")

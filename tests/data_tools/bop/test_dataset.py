@@ -1,4 +1,5 @@
 import pickle
+import re
 import shutil
 from pathlib import Path
 
@@ -543,3 +544,34 @@ def test_the_real_frame_agrees_with_the_real_results(real_data):
     assert rows.object_id.tolist() == frame.object_id.tolist()
     np.testing.assert_array_equal(rows.R, frame.R)
     np.testing.assert_allclose(rows.t, frame.t, rtol=2.3e-16)
+
+
+LINKS = [
+    *(f"test/000001/{kind}" for kind in ("rgb", "depth", "mask", "mask_visib")),
+    *(f"test/000001/{kind}/000004.png" for kind in ("rgb", "depth")),
+    *(f"test/000001/{kind}/000004_000001.png" for kind in ("mask", "mask_visib")),
+    *(f"test/000001/scene_{name}.json" for name in ("camera", "gt", "gt_info")),
+    *("test", "test/000001", "test_targets.json"),
+    *("models", "models/models_info.json", "models/obj_000001.ply"),
+]
+
+
+@pytest.mark.parametrize("target", ["/no/such/disk", "itself"])
+@pytest.mark.parametrize("name", LINKS)
+def test_a_link_that_leads_nowhere_is_not_taken_for_nothing(tree, name, target):
+    link = tree.path / name
+    link.rename(tree.path / "away")
+    link.symlink_to(link if target == "itself" else target)
+    with pytest.raises(ValueError, match=re.escape(f"{link}: ")):
+        dataset = BopDataset(tree.path, "test", targets="test_targets.json")
+        assert dataset[0].objects
+        dataset.models().mesh(1)
+
+
+def test_a_link_that_leads_somewhere_is_followed(tree):
+    link = tree.path / "test/000001/depth"
+    link.rename(tree.path / "away")
+    link.symlink_to(tree.path / "away")
+    assert BopDataset(tree.path, "test")[0].depth is not None
+    (tree.path / "notes").symlink_to("/no/such/disk")  # nobody asks for it
+    assert BopDataset(tree.path, "test")[0].depth is not None

@@ -1,4 +1,5 @@
 import pickle
+import re
 import shutil
 from pathlib import Path
 
@@ -546,3 +547,27 @@ def test_the_real_cat(real_data, tmp_path):
     stack = batches.load(dataset, progress=False)
     x, y, width, height = stack.box[0].tolist()
     assert item.mask[int(y) : int(y + height), int(x) : int(x + width)].sum() == item.mask.sum()
+
+
+LINKS = [
+    *(("pvnet", f"cat{end}") for end in ("", "/JPEGImages", "/mask", "/pose", "/test.txt")),
+    *(("pvnet", f"cat/{end}") for end in ("cat.ply", "JPEGImages/000003.jpg", "mask/0003.png")),
+    *(("own", end) for end in ("rgb", "mask", "pose", "camera.txt", "model.ply", "diameter.txt")),
+    *(("own", end) for end in ("rgb/0.jpg", "mask/0.png")),
+    *(("densefusion", f"data{end}") for end in ("", "/01", "/01/rgb", "/01/depth", "/01/mask")),
+    *(("densefusion", f"data/01/{end}") for end in ("gt.yml", "info.yml", "depth/0003.png")),
+    *(("densefusion", f"models/{end}") for end in ("obj_01.ply", "models_info.yml")),
+]
+
+
+@pytest.mark.parametrize("target", ["/no/such/disk", "itself"])
+@pytest.mark.parametrize(("layout", "name"), LINKS)
+def test_a_link_that_leads_nowhere_is_not_taken_for_nothing(request, layout, name, target):
+    made = request.getfixturevalue(layout)
+    link = made.path / name
+    link.rename(made.path / "away")
+    link.symlink_to(link if target == "itself" else target)
+    with pytest.raises(ValueError, match=re.escape(f"{link}: ")):
+        dataset = LinemodDataset(made.path, None if layout == "own" else "test")
+        assert dataset[0].objects
+        dataset.models().mesh(dataset[0].objects[0].object_id)
