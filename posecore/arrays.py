@@ -154,6 +154,8 @@ def to_numbers(name: str, values: object) -> np.ndarray:
     if isinstance(values, Tensor):
         values = values.detach().cpu()
         values = (values.float() if values.dtype == torch.bfloat16 else values).numpy()
+    if np.ma.is_masked(values):
+        fail(name, "an array without masked values", f"{np.ma.count_masked(values)} masked")
     try:
         array = np.asarray(values)
     except ValueError:  # a ragged list
@@ -176,7 +178,8 @@ def array_function(*, keeps_half: bool = False, **shapes: str) -> Callable[[F], 
             that have them. An argument whose default is `None` may be `None`.
 
     Raises (when the decorated function is called):
-        ValueError: if an array is not numeric, does not have its shape, or is not finite.
+        ValueError: if an array is not numeric, does not have its shape, is not finite, or has
+            masked values.
     """
     specs = {name: tuple(spec.split()) for name, spec in shapes.items()}
 
@@ -232,6 +235,8 @@ def _to_tensor(name: str, value: Any, device: torch.device | None) -> Tensor:
         return value if value.is_floating_point() else value.to(torch.get_default_dtype())
     if isinstance(value, list | tuple) and any(isinstance(item, Tensor) for item in value):
         fail(name, "an array or a tensor", "a list of tensors, which torch.stack makes one of")
+    if np.ma.is_masked(value):
+        fail(name, "an array without masked values", f"{np.ma.count_masked(value)} masked")
     try:
         array = np.asarray(value)
     except ValueError:  # a ragged list

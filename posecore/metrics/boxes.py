@@ -21,6 +21,7 @@ SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))  # (8, 3) corne
 EDGES = np.array(  # (12, 2) corners that differ in one coordinate
     [(i, j) for i, j in itertools.combinations(range(8), 2) if (SIGNS[i] != SIGNS[j]).sum() == 1]
 )
+SMALLEST = float(np.finfo(np.float64).tiny)  # volume, below which numbers lose their digits
 BOXES = {
     "R_1": "... 3 3", "t_1": "... 3", "size_1": "... 3",
     "R_2": "... 3 3", "t_2": "... 3", "size_2": "... 3",
@@ -63,8 +64,8 @@ def oriented_iou_3d(
         (...) in [0, 1], float64. Not differentiable.
 
     Raises:
-        ValueError: if a size is not positive, or so large that the volume overflows; if R is off a
-            rotation by more than 1e-3.
+        ValueError: if a size is not positive, or so large or small that the volume is no number;
+            if R is off a rotation by more than 1e-3.
     """
     require_rotation("R_1", R_1)
     require_rotation("R_2", R_2)
@@ -80,9 +81,11 @@ def oriented_iou_3d(
     ]
     with np.errstate(over="ignore"):  # boxes so far apart that the squared distance is infinite
         overlap = np.array([_intersection(*pair) for pair in zip(*boxes, strict=True)])
-    volume_1, volume_2 = boxes[2].prod(-1), boxes[5].prod(-1)
-    volumes = torch.from_numpy(volume_1 + volume_2)
+        volume_1, volume_2 = boxes[2].prod(-1), boxes[5].prod(-1)
+        volumes = torch.from_numpy(volume_1 + volume_2)
     require_finite("size_1 and size_2", volumes, "boxes whose volumes are finite")
+    if (least := np.minimum(volume_1, volume_2).min(initial=np.inf)) < SMALLEST:
+        fail("size_1 and size_2", f"boxes of at least {SMALLEST} cubic metres", least)
     iou = overlap / (volume_1 + volume_2 - overlap)
     return torch.from_numpy(iou.reshape(batch)).to(t_1.device)
 
@@ -152,7 +155,9 @@ def nocs_legacy_iou(
     extremes over the wrong axis of its corner array: over x, y and z of one corner instead of over
     the corners. So every corner yields one interval, from its smallest to its largest coordinate,
     and the "volume" is the product of eight such lengths. A 10 cm cube at 0.8 m, shifted by 5 cm,
-    scores 0.885 (true: 1/3). Published tables hold such numbers; use `oriented_iou_3d` otherwise.
+    scores 0.885 (true: 1/3). A cube around the origin has corners with three equal coordinates,
+    intervals of no length: two such boxes score 0 / 0, not a number, there as here. Published
+    tables hold such numbers; use `oriented_iou_3d` otherwise.
 
     Args:
         R_1, t_1, size_1, R_2, t_2, size_2: (..., 3, 3), (..., 3) and (..., 3), metres.

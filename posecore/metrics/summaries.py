@@ -159,11 +159,14 @@ def balanced_mean_angular_error(
         Radians.
 
     Raises:
-        ValueError: if a true angle lies beyond `max_angle`, or the shapes differ.
+        ValueError: if a true angle lies beyond `max_angle`, the shapes differ, or there would be
+            more than a billion bins.
     """
     errors = _errors(np.abs(to_numbers("errors", errors)))
     width = require_number("bin_width", bin_width, above=0)
     limit = require_number("max_angle", max_angle, low=width)
+    if limit / width > 1e9:  # the numbers of bins must be integers
+        fail("bin_width", f"at least a billionth of max_angle, {limit}", width)
     angles = _errors(np.abs(to_numbers("true_angles", true_angles)), "true_angles")
     if angles.shape != errors.shape:
         fail("true_angles", f"shape {errors.shape}", f"shape {angles.shape}")

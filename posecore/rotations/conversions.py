@@ -11,7 +11,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from posecore.arrays import Array, array_function, fail, values_known
+from posecore.arrays import Array, array_function, fail, require_finite, values_known
 from posecore.rotations.validity import entries, require_rotation
 
 __all__ = [
@@ -103,12 +103,17 @@ def quaternion_multiply(p: Array, q: Array) -> Array:
 
     Returns:
         (..., 4); unit if both are.
+
+    Raises:
+        ValueError: if products overflow.
     """
     p, q = torch.broadcast_tensors(p, q)
     p_w, p_v = p[..., :1], p[..., 1:]
     q_w, q_v = q[..., :1], q[..., 1:]
     w = p_w * q_w - (p_v * q_v).sum(-1, keepdim=True)
     v = p_w * q_v + q_w * p_v + torch.linalg.cross(p_v, q_v)
+    require_finite("p and q", w, "quaternions whose products are finite")
+    require_finite("p and q", v, "quaternions whose products are finite")
     return torch.cat([w, v], -1)
 
 

@@ -176,12 +176,19 @@ def random_rotations(
 
     Returns:
         (*batch, 3, 3).
+
+    Raises:
+        ValueError: if a size or `generator` is no integer of at least 0, or a seed has more than 64
+            bits, or `dtype` is one of integers.
     """
     sizes = [require_integer("batch", size, 0) for size in batch]
+    if dtype is not None and not (isinstance(dtype, torch.dtype) and dtype.is_floating_point):
+        fail("dtype", "a dtype of PyTorch with a decimal point, or None", dtype)
     if isinstance(generator, np.random.Generator):
         q = torch.from_numpy(np.asarray(generator.standard_normal((*sizes, 4))))
         return quaternion_to_matrix(q.to(dtype)).numpy()
     if not isinstance(generator, torch.Generator):
+        require_integer("generator", generator, 0, 2**64 - 1)  # what PyTorch takes
         seed = require_integer("generator", generator, 0)
         generator = torch.Generator().manual_seed(seed)
     q = torch.randn(*sizes, 4, generator=generator, dtype=dtype, device=generator.device)

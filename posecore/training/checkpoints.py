@@ -54,6 +54,10 @@ class Checkpoints:
         origins: Callable[[], Mapping[str, Part]] = dict,
         writes: bool = True,
     ) -> None:
+        if folder is not None and not isinstance(folder, str | Path):
+            fail("resume", "a folder", repr(folder))
+        if folder is not None and "\0" in str(folder):
+            fail("resume", "a folder's name", repr(folder))
         if folder is not None and Path(folder).exists() and not Path(folder).is_dir():
             fail("resume", "a folder", f"the file {str(folder)!r}")
         self.folder = None if folder is None else Path(folder)
@@ -107,11 +111,13 @@ class Checkpoints:
             ValueError: if it belongs to a run with other settings, or has been trained with another
                 loss, other data or another schedule; the message names the first.
         """
-        for step in self._steps():
+        steps = self._steps()
+        for step in steps:
             try:
                 weights, state = self._read(step)
             except (ValueError, OSError) as error:
-                warnings.warn(f"{error}; training goes on from before it", stacklevel=3)
+                onwards = "goes on from before it" if step > steps[-1] else "begins anew"
+                warnings.warn(f"{error}; training {onwards}", stacklevel=3)
                 continue
             self._require_same(state["settings"])
             if step == again_after:

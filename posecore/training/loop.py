@@ -139,6 +139,9 @@ def fit(
     require_integer("evaluate_every", every, 1)
     if not callable(schedule):
         require_choice("schedule", schedule, list(SCHEDULES))
+    for name, value in (("optimiser", optimiser), ("loss", loss)):
+        if not callable(value):
+            fail(name, "a function or a class to call", repr(value)[:80])
     factor = schedule if callable(schedule) else SCHEDULES[schedule]
     trained = _trained(model)
     place = choose_device(device)
@@ -281,7 +284,10 @@ def _evaluated(evaluate: Evaluate, model: nn.Module) -> dict[str, float]:
     model.train()
     if not isinstance(values, Mapping):
         fail("evaluate", "a function that gives numbers by name", repr(values)[:80])
-    return {name: float(value) for name, value in values.items()}
+    try:
+        return {name: float(value) for name, value in values.items()}
+    except (TypeError, ValueError, RuntimeError):  # the last of a tensor of several numbers
+        fail("evaluate", "a function that gives numbers by name", repr(dict(values))[:80])
 
 
 def _texts(settings: Mapping[str, Any]) -> dict[str, str]:

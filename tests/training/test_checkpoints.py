@@ -134,3 +134,17 @@ def test_a_warning_points_at_fit(tmp_path):
     with pytest.warns(UserWarning, match="is damaged") as caught:
         fit(nn.Linear(1, 1), [torch.ones(1, 1)], loss, **options)
     assert [Path(warning.filename).name for warning in caught] == ["test_checkpoints.py"]
+
+
+def test_after_the_oldest_damaged_checkpoint_training_begins_anew(tmp_path):
+    net = nn.Linear(2, 1)
+    checkpoints = Checkpoints(tmp_path, {}, net, {})
+    for step in (1, 2):
+        checkpoints.save(step)
+    for state in tmp_path.glob("state-*.pt"):
+        state.write_bytes(b"damaged")
+    with pytest.warns(UserWarning) as caught:
+        assert checkpoints.load() == 0
+    newest, oldest = (str(one.message) for one in caught)
+    assert newest.endswith("state-00000002.pt is damaged; training goes on from before it")
+    assert oldest.endswith("state-00000001.pt is damaged; training begins anew")

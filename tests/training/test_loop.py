@@ -514,3 +514,22 @@ def test_nothing_is_printed_where_nobody_looks(capfd):
     fit(plain(), batches, loss, steps=3, show=True)
     out, err = capfd.readouterr()
     assert out == "" and "/3 [" in err
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("resume", {"resume": "a\0b"}),
+        ("resume", {"resume": 5}),
+        ("optimiser", {"optimiser": "adam"}),
+        ("evaluate", {"evaluate": lambda net: {"a": "x"}}),
+        ("evaluate", {"evaluate": lambda net: {"a": torch.zeros(2)}}),
+        ("evaluate", {"evaluate": lambda net: {"a": None}}),
+    ],
+)
+def test_what_cannot_be_is_refused_by_its_argument(name, options):
+    def loss(net, batch):
+        return net(batch).square().mean()
+
+    with pytest.raises(ValueError, match=f"^{name}: expected "):
+        fit(torch.nn.Linear(2, 1), [torch.ones(4, 2)], loss, steps=1, show=False, **options)
