@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
 import importlib
 import os
@@ -34,6 +35,8 @@ def start(name: str) -> NoReturn:
     listens = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if listens:
         signal.signal(signal.SIGINT, _stop)
+    ended: list[int] = []
+    atexit.register(_end, ended)  # before all others, so it is called after them
     module = importlib.import_module(name)
     options = module.parse()
     if listens:
@@ -47,7 +50,9 @@ def start(name: str) -> NoReturn:
     if status == INTERRUPTED:
         # Nothing that was interrupted half-way, such as the import of a library, is to be ended in
         # good order: there threads of its own would go on while Python is taken away under them.
-        _leave()
+        _end([INTERRUPTED])
+    if isinstance(status, int):
+        ended.append(status)
     sys.exit(status)
 
 
@@ -121,8 +126,14 @@ def _stop(*_: object) -> None:
     os._exit(INTERRUPTED)
 
 
-def _leave() -> NoReturn:
+def _end(status: list[int]) -> None:
+    """End here, if there is a status: Python that takes itself down no longer hears Ctrl-C."""
+    if not status:
+        return
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(AttributeError, OSError, ValueError):  # closed, or nobody reads
+        try:
             stream.flush()
-    os._exit(INTERRUPTED)
+        except (AttributeError, OSError, ValueError):  # closed, or nobody reads
+            if status != [INTERRUPTED]:
+                return  # to Python, which has a status for it
+    os._exit(status[0])

@@ -177,3 +177,12 @@ def test_nothing_is_no_name(tmp_path, monkeypatch, capsys, main, words, name):
     assert main(words) in (1, 2)
     assert capsys.readouterr().err == f"error: {name}: expected a text that is not empty, got ''\n"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_python_is_not_taken_down_after_the_last_exit_function(tmp_path):
+    """Meanwhile Ctrl-C would end the process without a word."""
+    text = "import atexit\nclass Late:\n    def __del__(self): print('late')\nlate = Late()\n"
+    text += "def parse(): pass\ndef run(_):\n    atexit.register(print, 'ended')\n    return 3\n"
+    (tmp_path / "command.py").write_text(text)
+    start = ["-c", "from posecore.command_line import start; start('command')"]
+    assert python(*start, cwd=tmp_path) == (3, "ended\n", "")
