@@ -133,6 +133,10 @@ def claims(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     """Measure what papers claim, into book/chNN_name/claims.json; goes on where it was stopped."""
     from book.tools import confirming, measuring
 
+    for option in ("status", "confirm"):
+        if getattr(arguments, option) and arguments.scale is not None:
+            got = arguments.scale
+            raise ValueError(f"--scale: expected none, as --{option} has its own, got {got!r}")
     for page in chosen:
         if arguments.status:
             print("\n".join(measuring.status(page, BOOK)))

@@ -7,11 +7,13 @@ import importlib
 import itertools
 import re
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from data_tools import storage, views
+from data_tools.bop.files import read_json
 from data_tools.bop.writing import write_dataset
 from data_tools.worlds.world import World
 from posecore.arrays import fail, require_choice, require_integer
@@ -45,7 +47,9 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 
 def run(options: argparse.Namespace) -> int:
     """Run a command of the command line; returns the exit status, as `main` does."""
-    with Interrupts() as interrupts:
+    with Interrupts() as interrupts, warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = lambda message, *_: print(f"note: {message}", file=sys.stderr)
         try:
             refuse_empty(options, "world", "source", "path")
             return options.command(options) or 0
@@ -224,6 +228,12 @@ def _check(options: argparse.Namespace) -> int:
         found = store.check()
         print(f"{store.folder}: {store.shards - len(found)} of {store.shards} files are good")
         problems += found
+        # It is there for those who look into the folder; nothing is read from it.
+        if (recipe := store.folder / "recipe.json").is_file():
+            try:
+                read_json(recipe)
+            except (ValueError, OSError) as error:
+                problems.append(f"{error}; it is written again once it is deleted")
     for line in problems:
         print(line, file=sys.stderr)
     return bool(problems)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,7 +83,7 @@ class Run:
         try:
             weights.fill(model, weights.unpack(path.read_bytes()))
         except (ValueError, RuntimeError) as error:
-            words = " ".join(str(error).split())
+            words = _few_names(" ".join(str(error).split()))
             if words.startswith("expected"):
                 raise ValueError(f"{path}: {words}") from error
             raise ValueError(f"{path}: expected the weights of this run, got {words}") from error
@@ -122,6 +123,9 @@ def read_run(
         fail("--run", f"a folder that `train {kind.method}` wrote", f"no {file}")
     content = read_json(file)
     try:
+        for name in ("method", "options"):
+            if not isinstance(content, dict) or name not in content:
+                fail(name, "an entry of this name", "none")
         if content["method"] != kind.method:
             fail("method", kind.method, content["method"])
         options = content["options"]
@@ -133,7 +137,11 @@ def read_run(
     except (ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError,
             ValueError) as error:  # fmt: skip
         words = " ".join(str(error).split())[:300]
-        raise ValueError(f"{file}: damaged: {type(error).__name__}: {words}") from error
+        if isinstance(error, KeyError):
+            words = f"no entry {words}"
+        elif not isinstance(error, ValueError):  # whose words may say nothing by themselves
+            words = f"{type(error).__name__}: {words}"
+        raise ValueError(f"{file}: damaged: {words}") from error
 
 
 def resumed(
@@ -149,6 +157,17 @@ def resumed(
     run = read(path)
     run.require_options(options)
     return run
+
+
+def _few_names(words: str) -> str:
+    """An error of PyTorch with few of the names that it lists: of another network all differ."""
+
+    def cut(found: re.Match[str]) -> str:
+        names = found[0].split(", ")
+        return ", ".join(names[:3]) + f" and {len(names) - 3} more"
+
+    words = re.sub(r'"[^"]+"(, "[^"]+"){3,}', cut, words)
+    return words if len(words) <= 600 else words[:597] + "..."
 
 
 def _plain(value: object) -> Any:

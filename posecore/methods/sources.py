@@ -39,7 +39,14 @@ def open_source(
     """
     if ":" not in source:  # a world, which has scales, and is made on first use
         options |= {"scale": scale_name, "progress": show and sys.stderr.isatty()}
-    dataset = data_tools.open(source, split=split, **options)
+    try:
+        dataset = data_tools.open(source, split=split, **options)
+    except ValueError as error:
+        argument, colon, words = str(error).partition(": ")
+        if not colon or argument not in ("path", "source", "split"):
+            raise
+        name = "--split" if argument == "split" else "--data"
+        raise ValueError(f"{name}: {words}") from error
     if ":" in source and show and isinstance(dataset, Dataset):
         for text in units.of_dataset(dataset):
             note(f"{source}: {text}")

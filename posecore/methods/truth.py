@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -64,7 +66,8 @@ def _from_dataset(options: argparse.Namespace, kind: str) -> Truth:
         choices["targets"] = options.targets
     elif options.targets:
         fail("--targets", "nothing, as the ground truth is no bop:PATH", options.targets)
-    dataset = data_tools.open(options.ground_truth, split=options.split, **choices)
+    with _called("path", "GROUND_TRUTH"):
+        dataset = data_tools.open(options.ground_truth, split=options.split, **choices)
     poses = dataset.ground_truth()
     others = None
     if options.targets:
@@ -73,7 +76,7 @@ def _from_dataset(options: argparse.Namespace, kind: str) -> Truth:
         where = f"{options.ground_truth}: scene {scene}, image {image}: K"
         require_intrinsics(where, dataset.camera(scene, image).K)
     K = np.reshape([dataset.camera(*image).K for image in poses.images], (-1, 3, 3))
-    models = Models(options.models) if options.models else dataset.models()
+    models = _models(options.models) if options.models else dataset.models()
     return Truth(poses, dataset.images, models, K, _width_of(dataset, kind), others)
 
 
@@ -126,14 +129,35 @@ def _read_camera(path: Path, *names: str) -> list[float]:
     return numbers
 
 
+@contextmanager
+def _called(argument: str, option: str) -> Iterator[None]:
+    """Let errors that begin with an argument of a function begin with the option it came from."""
+    try:
+        yield
+    except ValueError as error:
+        if not str(error).startswith(f"{argument}: "):
+            raise
+        raise ValueError(option + str(error)[len(argument) :]) from error
+
+
+def _models(folder: str) -> Models:
+    with _called("path", "--models"):
+        return Models(folder)
+
+
 def _from_files(options: argparse.Namespace) -> Truth:
+    if not Path(options.ground_truth).exists() and Path(options.ground_truth).suffix != ".csv":
+        expected = "a CSV file that is there, bop:PATH or linemod:PATH"
+        fail("GROUND_TRUTH", expected, repr(options.ground_truth))
     if not options.models:
         fail("--models", "a folder of models", "none")
     for name in ("split", "targets"):
         if getattr(options, name):
             fail(f"--{name}", "nothing, as the ground truth is no dataset", getattr(options, name))
     poses = read_results(options.ground_truth, rotations=options.rotations)
-    models = Models(options.models)
+    if not len(poses):
+        raise ValueError(f"{options.ground_truth}: expected true poses, got none")
+    models = _models(options.models)
     path = Path(options.camera or Path(options.models).resolve().parent / "camera.json")
     if not options.camera and not has_file(path):
         note(f"no {path}, so no errors in pixels (--camera names another)")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import copy
 import itertools
-import pickle
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -212,14 +211,12 @@ def _state_dict(path: Path) -> dict[str, Tensor]:
         if path.suffix == ".safetensors":
             return safetensors.torch.load_file(path)
         state = torch.load(path, map_location="cpu", weights_only=True)
-    except (
-        OSError,
-        RuntimeError,
-        EOFError,
-        pickle.UnpicklingError,
-        safetensors.SafetensorError,
-    ) as e:
-        fail("path", "a file of weights, .pth or .safetensors", f"{path}: {e}".splitlines()[0])
+    except Exception as e:  # whatever trips over damaged input, it is the file's fault
+        words = f"{path}: {e}".splitlines()[0]
+        # Of what is no such file PyTorch advises to run what is in it, or says nothing of use.
+        if not isinstance(e, OSError | RuntimeError | safetensors.SafetensorError):
+            words = f"{path}, which is none, or holds more than tensors"
+        fail("path", "a file of weights, .pth or .safetensors", words)
     named = isinstance(state, dict) and all(isinstance(name, str) for name in state)
     if not named or not all(isinstance(value, Tensor) for value in state.values()):
         fail("path", "a file that holds tensors by name", f"something else in {path}")

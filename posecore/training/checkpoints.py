@@ -20,7 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from posecore.arrays import fail
-from posecore.files import write_bytes
+from posecore.files import require_path, write_bytes
 from posecore.training.origins import Part, difference
 
 __all__ = ["Checkpoints"]
@@ -54,13 +54,9 @@ class Checkpoints:
         origins: Callable[[], Mapping[str, Part]] = dict,
         writes: bool = True,
     ) -> None:
-        if folder is not None and not isinstance(folder, str | Path):
-            fail("resume", "a folder", repr(folder))
-        if folder is not None and "\0" in str(folder):
-            fail("resume", "a folder's name", repr(folder))
-        if folder is not None and Path(folder).exists() and not Path(folder).is_dir():
+        self.folder = None if folder is None else require_path("resume", folder)
+        if self.folder is not None and self.folder.exists() and not self.folder.is_dir():
             fail("resume", "a folder", f"the file {str(folder)!r}")
-        self.folder = None if folder is None else Path(folder)
         self.settings, self.model, self.parts = dict(settings), model, dict(parts)
         self.writes, self._origins_now = writes, origins
         self.origins = dict(origins()) if writes and folder is not None else {}

@@ -16,7 +16,6 @@ from torch.nn.utils import clip_grads_with_norm_, get_total_norm
 
 from posecore.arrays import fail, require_choice, require_integer, require_number
 from posecore.figures.live import Display
-from posecore.files import require_path
 from posecore.scale import retrain
 from posecore.training.checkpoints import Checkpoints
 from posecore.training.feed import Feed
@@ -148,7 +147,6 @@ def fit(
     half = uses_bfloat16(precision, place, model)
     channels_last = convolves(model) if channels_last is None else channels_last
     model.to(place, memory_format=torch.channels_last if channels_last else torch.preserve_format)
-    resume = None if resume is None else require_path("resume", resume)
     feed = Feed(batches, seed, resumable=resume is not None)
     descent = optimiser(list(trained.values()), lr=lr)
     rates = [group["lr"] for group in descent.param_groups]

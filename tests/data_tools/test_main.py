@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 
 import cv2
@@ -48,6 +49,13 @@ def test_make_check_clean(empty, monkeypatch, capsys):
     assert main(make) == 0
     assert capsys.readouterr().out.splitlines()[-1].endswith("0 of 3 files made")
     assert main(["check", "tabletop", "--split", "train"]) == 0
+
+    recipe = (store.folder / "recipe.json").read_bytes()
+    (store.folder / "recipe.json").write_text("{")
+    capsys.readouterr()
+    assert main(["check", "tabletop", "--split", "train"]) == 1
+    assert "recipe.json: damaged JSON" in capsys.readouterr().err
+    (store.folder / "recipe.json").write_bytes(recipe)
 
     path = store.path(1)
     data = bytearray(path.read_bytes())
@@ -192,3 +200,12 @@ def test_as_a_module(cache):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert done.stderr.startswith("error: world")
+
+
+def test_warnings_are_notes(monkeypatch, capsys):
+    def warn(options):
+        warnings.warn("the depth looks odd", UserWarning, stacklevel=1)
+
+    monkeypatch.setattr("data_tools.main._show", warn)
+    assert main(["show", "bop:x"]) == 0
+    assert capsys.readouterr().err == "note: the depth looks odd\n"

@@ -31,7 +31,7 @@ def test_a_bar_is_for_terminals(opened, monkeypatch, show, terminal):
 
 
 def test_what_is_no_source_is_refused():
-    with pytest.raises(ValueError, match="^source: "):
+    with pytest.raises(ValueError, match="^--data: "):
         open_source("nonsense", None, "tiny")
 
 

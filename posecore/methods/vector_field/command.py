@@ -52,5 +52,5 @@ def add_estimate(methods: argparse._SubParsersAction[argparse.ArgumentParser]) -
         methods, "vector_field", estimate, summary="OPEPL, -R, -DR", description=ESTIMATE
     )
     command.add_argument("--system", choices=list(SYSTEMS), default="OPEPL-DR")
-    command.add_argument("--threshold", type=float, default=0.8, help="of the overlap, for -DR")
+    command.add_argument("--threshold", type=float, help="of the overlap, for -DR; default: 0.8")
     command.add_argument("--seed", type=int, default=0, help="of the vote")

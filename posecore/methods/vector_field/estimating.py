@@ -6,11 +6,14 @@ import argparse
 
 import torch
 
+from posecore.arrays import fail
 from posecore.methods import estimating
 from posecore.methods.vector_field.runs import VectorFieldRun, read_run
 from posecore.methods.vector_field.systems import SYSTEMS, VectorFieldSystem
 
 __all__ = ["estimate"]
+
+THRESHOLD = 0.8  # of the overlap above which OPEPL-DR refines
 
 
 def estimate(options: argparse.Namespace) -> None:
@@ -20,6 +23,10 @@ def estimate(options: argparse.Namespace) -> None:
         ValueError: for an option that cannot be, or a run or data that do not fit.
         OSError: if the results cannot be written.
     """
+    if options.threshold is not None and SYSTEMS[options.system] != "overlap":
+        fail(
+            "--threshold", f"nothing, as {options.system} decides nothing by it", options.threshold
+        )
     estimating.estimate(options, read_run, _system)
 
 
@@ -34,5 +41,6 @@ def _system(
         refiner.to(device)
     return VectorFieldSystem.named(
         options.system, net.to(device, memory_format=torch.channels_last), run.models, refiner,
-        threshold=options.threshold, seed=options.seed,
+        threshold=THRESHOLD if options.threshold is None else options.threshold,
+        seed=options.seed,
     )  # fmt: skip

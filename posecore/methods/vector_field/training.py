@@ -169,6 +169,8 @@ def _batches(task: _Task) -> Windows | Pool:
 def _loss(options: argparse.Namespace, plan: Plan) -> VectorFieldLoss:
     begin = plan.begin if options.begin is None else require_number("--begin", options.begin, 0, 1)
     forward_only = plan.forward_only if options.forward_only is None else options.forward_only
+    if options.projection == "none" and options.weight != "dynamic":
+        fail("--weight", "nothing, as --projection none leaves that loss out", options.weight)
     try:
         weight = "dynamic" if options.weight == "dynamic" else float(options.weight)
         return VectorFieldLoss(options.projection, weight, begin, forward_only)

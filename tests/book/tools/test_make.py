@@ -107,6 +107,9 @@ def test_each_command_is_that_of_the_tools(make, book, capsys, monkeypatch):
     assert make.main(["claims", "1", "--confirm"]) == make.main(["claims", "1", "--status"]) == 0
     assert called == [("confirm", "01_a", book), ("status", Page("01_a", True), book)]
     assert capsys.readouterr().out == "a: confirmed\na: stale: b\nc: stale: d\n"
+    for option in ("--confirm", "--status"):  # at a scale of their own
+        assert make.main(["claims", "1", option, "--scale", "paper"]) == 1
+        assert f"--scale: expected none, as {option} has its own" in capsys.readouterr().err
 
 
 def fit(book, make):

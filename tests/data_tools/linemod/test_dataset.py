@@ -171,6 +171,8 @@ def test_objects_beyond_the_fifteenth(densefusion):
     shutil.move(densefusion.path / "models/obj_02.ply", densefusion.path / "models/obj_16.ply")
     text = (densefusion.path / "data/16/gt.yml").read_text()
     densefusion.write("data/16/gt.yml", text.replace("obj_id: 2", "obj_id: 16"))
+    infos = (densefusion.path / "models/models_info.yml").read_text()
+    densefusion.write("models/models_info.yml", infos.replace("\n2:", "\n16:"))
     dataset = everything(densefusion.path, "test")
     assert dataset.object_ids == (1, 16)
     assert [item.object_id for view in dataset for item in view.objects] == [1, 1, 16, 16]
