@@ -168,9 +168,18 @@ def _digest(training: Training) -> dict[str, str]:
 
 
 def _machine() -> str:
-    """All on which the last bits of a result depend."""
-    parts = (platform.system(), platform.machine(), torch.backends.cpu.get_cpu_capability())
+    """All on which the last bits of a result depend; libraries have other ways for each processor."""
+    parts = (platform.system(), _processor(), torch.backends.cpu.get_cpu_capability())
     return ", ".join([*parts, f"Python {platform.python_version()}", f"torch {torch.__version__}"])
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:  # not Linux
+        lines = []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.processor() or platform.machine())
 
 
 @contextmanager
