@@ -168,7 +168,7 @@ def _digest(training: Training) -> dict[str, str]:
 
 
 def _machine() -> str:
-    """All on which the last bits of a result depend; libraries have other ways for each processor."""
+    """All on which the last bits of a result depend: libraries know each processor."""
     parts = (platform.system(), _processor(), torch.backends.cpu.get_cpu_capability())
     return ", ".join([*parts, f"Python {platform.python_version()}", f"torch {torch.__version__}"])
 
