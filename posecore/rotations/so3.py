@@ -69,7 +69,7 @@ def geodesic_distance(R_1: Array, R_2: Array) -> Array:
         ValueError: if one is not a rotation to 1e-3; its angle would depend on the formula.
     """
     taped = torch.is_grad_enabled() and (R_1.requires_grad or R_2.requires_grad)
-    if R_1.shape == R_2.shape and many(R_1) and values_known() and not taped:
+    if values_known() and not taped and R_1.shape == R_2.shape and many(R_1):
         angles, sure = _angles_of_many(R_1, R_2)
         if sure:
             return angles
