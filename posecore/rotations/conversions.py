@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from posecore.arrays import Array, array_function, fail, require_finite, values_known
-from posecore.rotations.validity import entries, require_rotation
+from posecore.rotations.validity import blocks, entries, many, require_rotation
 
 __all__ = [
     "axis_angle_to_matrix",
@@ -77,6 +77,13 @@ def matrix_to_quaternion(R: Array) -> Array:
         Shepperd 1978, "Quaternion from Rotation Matrix".
     """
     require_rotation("R", R)
+    if values_known() and many(R):
+        parts = [_matrix_to_quaternion(block) for block in blocks(R)]
+        return torch.cat(parts).reshape(*R.shape[:-2], 4)
+    return _matrix_to_quaternion(R)
+
+
+def _matrix_to_quaternion(R: Tensor) -> Tensor:
     (r_xx, r_xy, r_xz), (r_yx, r_yy, r_yz), (r_zx, r_zy, r_zz) = entries(R)
     # Four times the products.
     ww, xx = 1 + r_xx + r_yy + r_zz, 1 + r_xx - r_yy - r_zz
