@@ -1967,8 +1967,8 @@ if scale() == "book":
 # What is not found counts as wrong, and objects of which less than a tenth is seen are left out.
 # The percentage is computed for each object, then averaged over the three. For this network the
 # weights bring nothing to rely on: the drill loses by them, for votes that agree may agree on a
-# wrong place. On a processor that rounds otherwise the same network gave 52.5 % without them and
-# 54.1 % with them, so two points either way are noise. The claims of section 10 compare three
+# wrong place. On a processor that rounds otherwise the same network gave 54.4 % without them and
+# 52.3 % with them, so two points either way are noise. The claims of section 10 compare three
 # networks.
 #
 # ### Several objects at once
@@ -2014,9 +2014,9 @@ for n in (1, 2, 3):
 
 # %% [markdown]
 # The paper's frames are larger, and its GPU is faster than this processor, so look down each column,
-# not across: from one object to three the paper loses a sixth of its speed, we more than a third. The
+# not across: from one object to three the paper loses a sixth of its speed, we a third or more. The
 # network hardly notices a third object, as the paper says. But it is small here, and so are the
-# pictures, and with three objects votes and PnP, one object after the other, are more than half of the
+# pictures, and with three objects votes and PnP, one object after the other, are about half of the
 # time.
 
 # %% [markdown]
