@@ -15,10 +15,10 @@ pytestmark = pytest.mark.slow
 
 def test_a_world_and_a_field_without_refiner(tmp_path, capsys):
     words = ["--objects", "5", "--steps", "2", "--refiner-steps", "0", "--projection", "none"]
-    words += ["--weight", "0.05", "--scale", "tiny"]
+    words += ["--scale", "tiny"]
     out = tmp_path / "a" / "run"
     assert main(["train", "vector_field", "--data", "tabletop", "--out", str(out), *words]) == 0
-    assert read_run(out).options["weight"] == 0.05
+    assert read_run(out).options["projection"] == "none"
     assert not (out / "refiner.safetensors").exists()
     output = tmp_path / "out.csv"
     words = estimate_words(out, "tabletop", output, "--split", "easy")

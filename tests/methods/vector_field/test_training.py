@@ -189,7 +189,7 @@ def test_two_processes(run, source, tmp_path, capsys):
     ("options", "message"),
     [
         (["--data", "bop:nowhere"], "nowhere"),
-        (["--data", "nonsense"], "source: expected"),
+        (["--data", "nonsense"], "--data: expected"),
         (["--data", "linemod:nowhere"], "nowhere"),
         (["--data", "categories"], "1019, ..., which categories has, got [1, 3]"),
         (["--split", "holidays"], "split: expected"),
