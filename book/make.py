@@ -22,7 +22,6 @@ edited.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -189,48 +188,18 @@ def parse(words: Sequence[str] | None = None) -> argparse.Namespace:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run one command; returns the exit status, as `main` does."""
-    with command_line.Interrupts() as interrupts:
+
+    def command() -> None:
+        command_line.refuse_empty(arguments, "pages", "number", "name")
+        named = getattr(arguments, "pages", [])
+        chosen = tuple(find_page(name, BOOK) for name in named) or pages(BOOK)
         try:
-            named = getattr(arguments, "pages", [])
-            chosen = tuple(find_page(name, BOOK) for name in named) or pages(BOOK)
             arguments.command(chosen, arguments)
-            _flush()
-        except KeyboardInterrupt:
-            return _stopped(arguments)
-        except Exception as error:
-            if interrupts.came:  # libraries make errors of their own of it
-                return _stopped(arguments)
-            if isinstance(error, BrokenPipeError):  # whoever reads has seen enough, as `head`
-                _let_go_of_output()
-                return 1
-            if not isinstance(error, ValueError | OSError | ModuleNotFoundError):
-                raise
-            missing = isinstance(error, ModuleNotFoundError)
-            advice = "; pip install -r environment.txt" if missing else ""
-            print(f"make.py {arguments.command.__name__}: {error}{advice}", file=sys.stderr)
-            return 1
-    return 0
+        except ModuleNotFoundError as error:
+            raise ValueError(f"{error}; pip install -r environment.txt") from error
 
-
-def _stopped(arguments: argparse.Namespace) -> int:
-    print(f"make.py {arguments.command.__name__}: stopped", file=sys.stderr)
-    return command_line.INTERRUPTED
-
-
-def _flush() -> None:
-    """Write what was printed now: at Python's end nobody could tell of a full disk."""
-    try:
-        sys.stdout.flush()
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        _let_go_of_output()
-        raise OSError(error.errno, error.strerror, "standard output") from error
-
-
-def _let_go_of_output() -> None:
-    """What is left to be written goes nowhere; else Python would try again at its end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    name = f"make.py {arguments.command.__name__}"
+    return command_line.carry_out(command, name=name, stopped=f"{name}: stopped")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -12,12 +12,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from data_tools import storage, views
+from data_tools import storage, units, views
 from data_tools.bop.files import read_json
 from data_tools.bop.writing import write_dataset
 from data_tools.worlds.world import World
 from posecore.arrays import fail, require_choice, require_integer
-from posecore.command_line import INTERRUPTED, Interrupts, refuse_empty
+from posecore.command_line import carry_out, refuse_empty, warn
 from posecore.files import write_bytes
 from posecore.scale import SCALES
 
@@ -47,29 +47,19 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 
 def run(options: argparse.Namespace) -> int:
     """Run a command of the command line; returns the exit status, as `main` does."""
-    with Interrupts() as interrupts, warnings.catch_warnings():
+
+    def command() -> int | None:
+        refuse_empty(options, "world", "source", "path")
+        return options.command(options)
+
+    with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
-        warnings.showwarning = lambda message, *_: print(f"note: {message}", file=sys.stderr)
-        try:
-            refuse_empty(options, "world", "source", "path")
-            return options.command(options) or 0
-        except KeyboardInterrupt:
-            return _interrupted()
-        except (ValueError, OSError, RuntimeError, MemoryError) as error:
-            if interrupts.came:
-                return _interrupted()
-            line = " ".join(str(error).split()) or "not enough memory"
-            print(f"error: {line}", file=sys.stderr)
-            return 1
-        except Exception:
-            if interrupts.came:  # libraries make errors of their own of it
-                return _interrupted()
-            raise
-
-
-def _interrupted() -> int:
-    print("\nstopped; finished files of worlds are kept", file=sys.stderr)
-    return INTERRUPTED
+        warnings.showwarning = lambda message, *_: warn(f"note: {message}")
+        return carry_out(
+            command,
+            stopped="stopped; finished files of worlds are kept",
+            refusals=(ValueError, OSError, RuntimeError),
+        )
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -164,6 +154,8 @@ def _show(options: argparse.Namespace) -> None:
     elif options.scale:
         fail("--scale", "a world to go with it", options.source)
     dataset = views.open(options.source, split=split, **choices)
+    for text in units.of_dataset(dataset):
+        warn(f"note: {options.source}: {text}")
     path = Path(options.output or (f"{name}_{split}.png" if split else f"{name}.png"))
     if path.suffix != ".png":
         fail("--output", "a name that ends in .png", str(path))

@@ -228,7 +228,9 @@ def open(source: str, *, split: str | None = None, **options: Any) -> Dataset:
     """
     if not isinstance(source, str):
         fail("source", "a string such as 'bop:PATH'", repr(source))
-    kind, _, path = source.partition(":")
+    kind, colon, path = source.partition(":")
+    if colon and not path:
+        fail("path", "a folder after the colon", repr(source))
     # Its name is put together here, as a new reader is no reason to measure the old ones again.
     readers = importlib.import_module(f"{__package__}.readers").READERS
     if kind not in readers:

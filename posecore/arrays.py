@@ -24,7 +24,7 @@ import contextlib
 import functools
 import inspect
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextvars import ContextVar
 from typing import Any, NoReturn, TypeVar, cast
 
@@ -36,6 +36,7 @@ __all__ = [
     "Array",
     "array_function",
     "fail",
+    "input_precision",
     "require_choice",
     "require_finite",
     "require_integer",
@@ -51,6 +52,7 @@ Array = Tensor | np.ndarray
 
 F = TypeVar("F", bound=Callable[..., Any])
 _TRUSTED = ContextVar("trusted", default=False)
+_PRECISION = ContextVar("precision", default=0.0)
 _HALF = (torch.float16, torch.bfloat16)
 _AS_IS = contextlib.nullcontext()
 
@@ -138,6 +140,15 @@ def values_known() -> bool:
     return torch._C._functorch.peek_interpreter_stack() is None
 
 
+def input_precision() -> float:
+    """The relative precision of what came in, where that was of half precision; else 0.
+
+    Within a decorated function, which computes with it in float32: what can only be so exact is
+    not to be refused for it.
+    """
+    return _PRECISION.get()
+
+
 def somewhere(condition: Tensor) -> bool:
     """Whether booleans hold anywhere; False where there are no values to look at."""
     return values_known() and bool(condition.any())
@@ -154,8 +165,7 @@ def to_numbers(name: str, values: object) -> np.ndarray:
     if isinstance(values, Tensor):
         values = values.detach().cpu()
         values = (values.float() if values.dtype == torch.bfloat16 else values).numpy()
-    if np.ma.is_masked(values):
-        fail(name, "an array without masked values", f"{np.ma.count_masked(values)} masked")
+    _require_unmasked(name, values)
     try:
         array = np.asarray(values)
     except ValueError:  # a ragged list
@@ -165,13 +175,22 @@ def to_numbers(name: str, values: object) -> np.ndarray:
     return array.astype(np.float64)
 
 
+def _require_unmasked(name: str, values: object) -> None:
+    """Refuse masked values, of which NumPy makes numbers where it makes an array of a list."""
+    for value in values if isinstance(values, list | tuple) else [values]:
+        if isinstance(value, list | tuple):
+            _require_unmasked(name, value)
+        elif np.ma.is_masked(value):
+            fail(name, "an array without masked values", f"{np.ma.count_masked(value)} masked")
+
+
 def array_function(*, keeps_half: bool = False, **shapes: str) -> Callable[[F], F]:
     """Make a function written in PyTorch take NumPy arrays as well, and check its input.
 
     Args:
         keeps_half: whether tensors of half precision are passed as they are, for what only moves
             features of a network about; else they become float32, as then does the result: half
-            precision has three digits and can hold no rotation.
+            precision has three digits (`input_precision`), too few to compute with rotations.
         shapes: for each array argument its shape, dimensions separated by blanks: a number is that
             size; a name is any size of at least one, the same wherever the name appears; a leading
             `...` stands for any number of batch dimensions, which must broadcast over the arguments
@@ -204,7 +223,8 @@ def array_function(*, keeps_half: bool = False, **shapes: str) -> Callable[[F], 
             bound.arguments.update(tensors)
             device = next((tensor.device.type for tensor in tensors.values()), "cpu")
             # The matrix products of autocast have three digits: geometry needs all of them.
-            with trusted() if checks else _AS_IS, torch.autocast(device, enabled=False):
+            inside = _inside(given.values(), keeps_half) if checks else _AS_IS
+            with inside, torch.autocast(device, enabled=False):
                 result = function(*bound.args, **bound.kwargs)
             came_as_tensor = any(isinstance(value, Tensor) for value in given.values())
             return result if came_as_tensor else _to_numpy(result)
@@ -214,6 +234,22 @@ def array_function(*, keeps_half: bool = False, **shapes: str) -> Callable[[F], 
         return cast(F, wrapper)
 
     return decorate
+
+
+@contextlib.contextmanager
+def _inside(given: Iterable[Any], keeps_half: bool) -> Iterator[None]:
+    """Within a decorated function values are trusted, and half precision is not forgotten."""
+    halves = [v.dtype for v in given if isinstance(v, Tensor) and v.dtype in _HALF]
+    if not halves or keeps_half:
+        with trusted():
+            yield
+        return
+    token = _PRECISION.set(max(torch.finfo(dtype).eps for dtype in halves))
+    try:
+        with trusted():
+            yield
+    finally:
+        _PRECISION.reset(token)
 
 
 def _to_tensors(given: dict[str, Any], keeps_half: bool) -> dict[str, Tensor]:
@@ -235,8 +271,7 @@ def _to_tensor(name: str, value: Any, device: torch.device | None) -> Tensor:
         return value if value.is_floating_point() else value.to(torch.get_default_dtype())
     if isinstance(value, list | tuple) and any(isinstance(item, Tensor) for item in value):
         fail(name, "an array or a tensor", "a list of tensors, which torch.stack makes one of")
-    if np.ma.is_masked(value):
-        fail(name, "an array without masked values", f"{np.ma.count_masked(value)} masked")
+    _require_unmasked(name, value)
     try:
         array = np.asarray(value)
     except ValueError:  # a ragged list

@@ -56,7 +56,7 @@ def require_intrinsics(name: str, K: Array) -> None:
     rest = matrices[..., [1, 2, 2, 2], [0, 0, 1, 2]]
     good = (focal != 0).all(-1) & (rest == rest.new_tensor([0, 0, 0, 1])).all(-1)
     good &= torch.isfinite(matrices).all(-1).all(-1)
-    if somewhere(~good):
+    if not bool(good.all()):
         expected = "[[fx, s, cx], [0, fy, cy], [0, 0, 1]] with fx and fy not 0"
         fail(name, expected, matrices[~good][0].tolist())
 

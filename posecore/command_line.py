@@ -1,21 +1,44 @@
-"""A command line as a process: Ctrl-C is one line, from the first import to the end of Python."""
+"""A command line as a process: one line for what goes wrong, and for Ctrl-C at any time."""
 
 from __future__ import annotations
 
 import argparse
 import atexit
 import contextlib
+import errno
 import importlib
 import os
+import re
 import signal
 import sys
+from collections.abc import Callable
 from types import FrameType
 from typing import Any, NoReturn
 
-__all__ = ["INTERRUPTED", "Interrupts", "refuse_empty", "start"]
+__all__ = [
+    "INTERRUPTED",
+    "OUTPUT",
+    "PIPE_CLOSED",
+    "Interrupts",
+    "carry_out",
+    "lacks_memory",
+    "leave_output",
+    "refuse_empty",
+    "start",
+    "warn",
+]
 
 INTERRUPTED = 130
 """The exit status after Ctrl-C: 128 and the number of the signal, as a shell has it."""
+PIPE_CLOSED = 141
+"""The exit status where nobody reads the output to its end, as with `| head`, by the same rule."""
+OUTPUT = "standard output"
+"""What errors call it."""
+# Of PyTorch's allocators; of oneDNN, which cannot prepare a layer; of threads without a stack.
+MEMORY = re.compile(
+    "allocate memory|not enough memory|out of memory|bad_alloc|start new thread"
+    "|could not create a (primitive|memory)"
+)
 AGAIN = 0.2  # seconds from an interrupt to the next look at whether it arrived
 
 
@@ -38,7 +61,10 @@ def start(name: str) -> NoReturn:
     ended: list[int] = []
     atexit.register(_end, ended)  # before all others, so it is called after them
     module = importlib.import_module(name)
-    options = module.parse()
+    try:
+        options = module.parse()
+    except SystemExit as end:
+        sys.exit(_printed(end.code))  # of a help text, too, one is told that it is not all there
     if listens:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -54,6 +80,93 @@ def start(name: str) -> NoReturn:
     if isinstance(status, int):
         ended.append(status)
     sys.exit(status)
+
+
+def carry_out(
+    command: Callable[[], int | None],
+    *,
+    name: str = "error",
+    stopped: str = "interrupted",
+    refusals: tuple[type[Exception], ...] = (ValueError, OSError),
+    failed: int = 1,
+) -> int:
+    """Do the work of a command; what is wrong with its input or the machine becomes one line.
+
+    Args:
+        command: returns its exit status, None for 0.
+        name: with which the line begins.
+        stopped: the line after Ctrl-C or SIGTERM.
+        refusals: errors that are no fault of the program; others go through, unless they say that
+            there is not enough memory.
+        failed: the exit status after one of them.
+
+    Returns:
+        The exit status; `INTERRUPTED` and `PIPE_CLOSED` are always the same.
+    """
+    with Interrupts() as interrupts:
+        try:
+            return _printed(command() or 0, name, failed)
+        except KeyboardInterrupt:
+            status, line = INTERRUPTED, stopped
+        except Exception as error:
+            if interrupts.came:  # libraries make errors of their own of it
+                status, line = INTERRUPTED, stopped
+            elif isinstance(error, BrokenPipeError):
+                leave_output()
+                return PIPE_CLOSED
+            elif lacks_memory(error):
+                words = " ".join(str(error).split())
+                status, line = failed, f"{name}: not enough memory: {words:.200}".rstrip(": ")
+            elif isinstance(error, refusals):
+                if getattr(error, "filename", None) == OUTPUT:
+                    leave_output()
+                status, line = failed, f"{name}: {' '.join(str(error).split())}"
+            else:
+                raise
+        # After what was printed before: both may go to one place.
+        status = _printed(status, name, failed)
+        if status == INTERRUPTED and sys.stderr is not None and sys.stderr.isatty():
+            line = f"\n{line}"  # the terminal shows ^C
+        warn(line)
+        return status
+
+
+def lacks_memory(error: BaseException) -> bool:
+    """Whether an error says that there is not enough memory: libraries have no kind for it."""
+    return isinstance(error, MemoryError) or (
+        isinstance(error, RuntimeError) and MEMORY.search(" ".join(str(error).split())) is not None
+    )
+
+
+def warn(line: str) -> None:
+    """Print a line on the error stream; where nobody reads it, the work goes on all the same."""
+    with contextlib.suppress(OSError, ValueError):
+        print(line, file=sys.stderr, flush=True)
+
+
+def leave_output() -> None:
+    """Let the end of the interpreter find nothing that it would try to print again."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _printed(status: Any, name: str = "error", failed: int = 1) -> Any:
+    """Print now what is waiting to be: at Python's end nobody could tell of a full disk.
+
+    Returns:
+        `status`, or another one if it was 0 and the output cannot be written.
+    """
+    try:
+        sys.stdout.flush()
+    except (AttributeError, ValueError):  # there is none, or it is closed
+        return status
+    except OSError as error:
+        leave_output()
+        if error.errno == errno.EPIPE:
+            return status or PIPE_CLOSED
+        warn(f"{name}: {OSError(error.errno, error.strerror, OUTPUT)}")
+        return status or failed
+    return status
 
 
 def refuse_empty(options: argparse.Namespace, *positional: str) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 import data_tools.main
 import posecore.methods.main
-from posecore.command_line import Interrupts
+from posecore.command_line import Interrupts, carry_out
 
 ROOT = Path(__file__).parents[1]
 
@@ -186,3 +186,83 @@ def test_python_is_not_taken_down_after_the_last_exit_function(tmp_path):
     (tmp_path / "command.py").write_text(text)
     start = ["-c", "from posecore.command_line import start; start('command')"]
     assert python(*start, cwd=tmp_path) == (3, "ended\n", "")
+
+
+PRINTS = """
+from posecore.command_line import carry_out
+def parse():
+    if {help}:
+        print("help")
+        raise SystemExit(0)
+def run(options):
+    def command():
+        print("much" * 9000 if {much} else "a line")
+        {then}
+    return carry_out(command, name="tool", failed=2)
+"""
+FULL = Path("/dev/full")
+
+
+def printing(folder, module, stdout):
+    (folder / "command.py").write_text(module)
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    return subprocess.Popen(
+        [sys.executable, "-c", "from posecore.command_line import start; start('command')"],
+        cwd=folder,
+        env=kept | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])},
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def to_a_full_disk(folder, module):
+    with FULL.open("w") as full, printing(folder, module, full) as process:
+        errors = process.stderr.read()
+    return process.returncode, errors
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
+@pytest.mark.parametrize("much", [False, True])
+@pytest.mark.parametrize(
+    ("then", "line"),
+    [
+        ("pass", ""),
+        # Where both went wrong both are said.
+        ("raise ValueError('x: expected y')", "tool: x: expected y\n"),
+        ("raise KeyboardInterrupt", "interrupted\n"),
+    ],
+)
+def test_a_full_disk_behind_the_output_is_said(tmp_path, much, then, line):
+    status, errors = to_a_full_disk(tmp_path, PRINTS.format(help=False, much=much, then=then))
+    said = "tool: [Errno 28] No space left on device"
+    if much:  # print itself fails, so that what follows is never reached
+        assert errors.startswith(said) and errors.count("\n") == 1
+        assert status == 2
+    else:
+        assert errors == f"{said}: 'standard output'\n{line}"
+        assert status == (130 if "Interrupt" in then else 2)
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
+def test_a_full_disk_behind_a_help_text_is_said(tmp_path):
+    status, errors = to_a_full_disk(tmp_path, PRINTS.format(help=True, much=False, then="pass"))
+    assert status == 1
+    assert errors == "error: [Errno 28] No space left on device: 'standard output'\n"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="this needs Unix")
+def test_nobody_reads_to_the_end(tmp_path):
+    module = PRINTS.format(help=False, much=True, then="pass")
+    with printing(tmp_path, module, subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.stderr.read() == ""
+    assert process.returncode == 141
+
+
+def test_a_fault_of_the_program_goes_through():
+    def broken():
+        raise KeyError("mistake")
+
+    with pytest.raises(KeyError, match="mistake"):
+        carry_out(broken)

@@ -39,6 +39,8 @@ def test_what_is_within_is_taken():
     assert rotations.random_rotations(2, generator=2**64 - 1).shape == (2, 3, 3)
     unmasked = np.ma.array(EYE, mask=False)
     assert metrics.add(unmasked, ZERO, EYE, ZERO, EYE) == 0
+    with pytest.raises(ValueError, match=r"^points: expected an array without masked .*, got 1 "):
+        metrics.add(EYE, ZERO, EYE, ZERO, [np.ma.array([1.0, 2, 3], mask=[0, 1, 0]), EYE[0]])
 
 
 def test_the_legacy_score_of_cubes_around_the_origin_is_not_a_number():

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import codecs
 import io
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -101,13 +102,15 @@ def _read_stl(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray]:
             )
         announced = words.count(b"facet")
         ends = [words.count(word) for word in (b"endfacet", b"vertex", b"endsolid")]
-        if ends != [announced, 3 * announced, 1]:
+        solids = len(re.findall(rb"^[ \t]*solid\b", data.lower(), re.MULTILINE))
+        if ends != [announced, 3 * announced, solids]:
             raise ValueError(f"{path}: damaged STL: no end of the solid, it may be cut")
     if announced == 0:
         return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
     try:
-        parts = load_stl(io.BytesIO(data))
-        corners = np.reshape(np.asarray(parts["vertices"], np.float64), (-1, 3))
+        read = load_stl(io.BytesIO(data))
+        parts = list(read["geometry"].values()) if "geometry" in read else [read]  # of many solids
+        corners = np.concatenate([np.reshape(part["vertices"], (-1, 3)) for part in parts])
         if len(corners) != 3 * announced:
             raise ValueError(f"{announced} triangles announced, got {len(corners) / 3:g}")
     except Exception as error:  # whatever trips over damaged input, it is the file's fault

@@ -7,6 +7,7 @@ vertices of the file, so here they stay as they are, in number and order.
 
 from __future__ import annotations
 
+import codecs
 import io
 import re
 import warnings
@@ -48,7 +49,9 @@ def read_ply(path: str | Path) -> trimesh.Trimesh:
         MeshWarning: if the last line of a text file has no end.
     """
     path = Path(path)
-    data = read_bytes(path)
+    data = read_bytes(path).removeprefix(codecs.BOM_UTF8)
+    if b"\n" not in data and b"format ascii" in data:
+        data = data.replace(b"\r", b"\n")  # lines end as on any system
     encoding, elements = _read_header(path, data)
     if elements.get("vertex", (0, []))[0] == 0:
         raise ValueError(f"{path}: a PLY file without vertices")

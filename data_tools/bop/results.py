@@ -22,7 +22,7 @@ from data_tools.bop.files import _short, read_bytes
 from data_tools.bop.rotations import check_rotations
 from data_tools.bop.scenes import known_poses
 from posecore.arrays import fail
-from posecore.files import write_bytes
+from posecore.files import require_path, write_bytes
 from posecore.metrics.pose_table import PoseTable
 
 __all__ = ["read_results", "write_results"]
@@ -51,7 +51,7 @@ def read_results(path: str | Path, rotations: str = "project") -> PoseTable:
         FileNotFoundError: if there is no such file.
         ValueError: naming file, line and column of what is no such row, or no rotation.
     """
-    path = Path(path)
+    path = require_path("path", path)
     try:
         lines = read_bytes(path).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:

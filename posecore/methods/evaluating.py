@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools import units
 from data_tools.bop import read_results
 from data_tools.views import ModelSet
 from posecore import figures, rotations
 from posecore.arrays import fail
 from posecore.files import write_bytes
-from posecore.methods import units
 from posecore.methods.notes import note
 from posecore.methods.outputs import check_outputs, say_beside
 from posecore.methods.truth import Truth, kind_of, read_truth

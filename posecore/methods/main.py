@@ -9,14 +9,12 @@ import warnings
 from collections.abc import Sequence
 
 from data_tools.storage import MakingError
-from posecore.command_line import INTERRUPTED, Interrupts, refuse_empty
+from posecore.command_line import carry_out, refuse_empty
 from posecore.methods import METHODS
 from posecore.methods.evaluating import add_evaluate
-from posecore.methods.notes import OUTPUT, lacks_memory, leave_output, note, warn
+from posecore.methods.notes import note
 
 __all__ = ["main", "parse", "run"]
-
-PIPE_CLOSED = 141  # 128 and the number of the signal, as a shell has it
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -37,40 +35,17 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 
 def run(options: argparse.Namespace) -> int:
     """Run a command of the command line; returns the exit status, as `main` does."""
-    with Interrupts() as interrupts, warnings.catch_warnings():
+
+    def command() -> None:
+        refuse_empty(options, "estimates", "ground_truth")
+        options.command(options)
+
+    with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = lambda message, *_: note(
             str(message).replace("rotations='as_read'", "--rotations as_read")
         )
-        try:
-            refuse_empty(options, "estimates", "ground_truth")
-            options.command(options)
-        except KeyboardInterrupt:
-            return _interrupted()
-        except (ValueError, OSError, MakingError, MemoryError) as error:
-            if interrupts.came:
-                return _interrupted()
-            if getattr(error, "filename", None) == OUTPUT:
-                leave_output()
-                if isinstance(error, BrokenPipeError):
-                    return PIPE_CLOSED
-            what = str(error) or "not enough memory"
-            warn(f"error: {' '.join(what.splitlines())}")
-            return 2
-        except Exception as error:
-            if interrupts.came:
-                return _interrupted()
-            if not lacks_memory(error):
-                raise
-            warn(f"error: not enough memory: {' '.join(str(error).split()):.200}")
-            return 2
-    return 0
-
-
-def _interrupted() -> int:
-    leave_output()
-    warn("\ninterrupted" if sys.stderr is not None and sys.stderr.isatty() else "interrupted")
-    return INTERRUPTED
+        return carry_out(command, refusals=(ValueError, OSError, MakingError), failed=2)
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

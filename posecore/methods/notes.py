@@ -2,29 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import re
-import sys
+from posecore.command_line import OUTPUT, warn
 
-__all__ = ["OUTPUT", "lacks_memory", "leave_output", "note", "say", "warn"]
-
-OUTPUT = "standard output"
-"""What errors call it."""
-
-
-# Of PyTorch's allocators; of oneDNN, which cannot prepare a layer; of threads without a stack.
-MEMORY = re.compile(
-    "allocate memory|not enough memory|out of memory|bad_alloc|start new thread"
-    "|could not create a (primitive|memory)"
-)
-
-
-def lacks_memory(error: BaseException) -> bool:
-    """Whether an error says that there is not enough memory: libraries have no kind for it."""
-    return isinstance(error, MemoryError) or (
-        isinstance(error, RuntimeError) and MEMORY.search(" ".join(str(error).split())) is not None
-    )
+__all__ = ["note", "say"]
 
 
 def say(text: str) -> None:
@@ -43,15 +23,3 @@ def say(text: str) -> None:
 def note(text: str) -> None:
     """Say something on the error stream, where it does not get into a table."""
     warn(f"note: {text}")
-
-
-def warn(line: str) -> None:
-    """Print a line on the error stream; where nobody reads it, the work goes on all the same."""
-    with contextlib.suppress(OSError, ValueError):
-        print(line, file=sys.stderr, flush=True)
-
-
-def leave_output() -> None:
-    """Let the end of the interpreter find nothing that it would try to print again."""
-    with contextlib.suppress(OSError, ValueError, AttributeError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -9,8 +9,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from posecore.arrays import fail
+from posecore.command_line import warn
 from posecore.files import own_stream
-from posecore.methods.notes import say, warn
+from posecore.methods.notes import say
 
 __all__ = ["check_outputs", "say_beside"]
 

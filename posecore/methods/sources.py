@@ -6,8 +6,8 @@ import sys
 from typing import Any
 
 import data_tools
+from data_tools import units
 from data_tools.views import Dataset
-from posecore.methods import units
 from posecore.methods.notes import note
 
 __all__ = ["SOURCE", "open_source"]

@@ -18,7 +18,8 @@ from data_tools.linemod.folders import find_objects, lists_of
 from data_tools.storage.locks import claim
 from data_tools.views import Dataset, ModelSet
 from posecore.arrays import fail, require_integer
-from posecore.methods.notes import lacks_memory, note
+from posecore.command_line import lacks_memory
+from posecore.methods.notes import note
 from posecore.methods.runs import Run
 from posecore.methods.sources import SOURCE, open_source
 from posecore.scale import SCALES, scale

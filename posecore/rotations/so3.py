@@ -188,8 +188,7 @@ def random_rotations(
         q = torch.from_numpy(np.asarray(generator.standard_normal((*sizes, 4))))
         return quaternion_to_matrix(q.to(dtype)).numpy()
     if not isinstance(generator, torch.Generator):
-        require_integer("generator", generator, 0, 2**64 - 1)  # what PyTorch takes
-        seed = require_integer("generator", generator, 0)
+        seed = require_integer("generator", generator, 0, 2**64 - 1)  # what PyTorch takes
         generator = torch.Generator().manual_seed(seed)
     q = torch.randn(*sizes, 4, generator=generator, dtype=dtype, device=generator.device)
     return quaternion_to_matrix(q)

@@ -8,7 +8,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from posecore.arrays import Array, array_function, fail, require_number, values_known
+from posecore.arrays import (
+    Array,
+    array_function,
+    fail,
+    input_precision,
+    require_number,
+    values_known,
+)
 
 __all__ = ["is_rotation", "require_rotation", "rotation_defect"]
 
@@ -37,12 +44,13 @@ def is_rotation(R: Array, tolerance: float = 1e-3) -> Array:
 
     Args:
         R: (..., 3, 3) any matrix.
-        tolerance: on the entries of `R R^T`.
+        tolerance: on the entries of `R R^T`; for tensors of half precision at least what their
+            digits allow (0.008 for bfloat16).
 
     Returns:
         (...) booleans.
     """
-    require_number("tolerance", tolerance, 0)
+    tolerance = _tolerance(tolerance)
     return (_defect(R) <= tolerance) & (_determinant(R) > 0)
 
 
@@ -57,7 +65,7 @@ def require_rotation(name: str, R: Array, tolerance: float = 1e-3) -> None:
     Raises:
         ValueError: says how far off the first such matrix is, and where it stands.
     """
-    require_number("tolerance", tolerance, 0)
+    tolerance = _tolerance(tolerance)
     matrices = _to_matrices(name, R)
     if not values_known():
         return
@@ -78,6 +86,11 @@ def require_rotation(name: str, R: Array, tolerance: float = 1e-3) -> None:
         f"{defect[first].item():.3g} and determinant {determinant[first].item():.3g}"
         + (f" at index {first}" if first else ""),
     )
+
+
+def _tolerance(tolerance: float) -> float:
+    # What rounding does to the entries of R R^T: of a million rotations, at most 0.85 of this.
+    return max(require_number("tolerance", tolerance, 0), input_precision())
 
 
 def _to_matrices(name: str, R: Array) -> Tensor:

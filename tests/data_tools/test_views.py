@@ -145,7 +145,7 @@ BAD = [
     (lambda: data_tools.open("nocs_:PATH"), "source: expected .* one of bop, .*, got 'nocs_:PATH'"),
     (lambda: data_tools.open(""), "source"),
     (lambda: data_tools.open("bop"), "path"),
-    (lambda: data_tools.open("bop:"), "path"),
+    (lambda: data_tools.open("bop:"), "path: expected a folder after the colon, got 'bop:'"),
     (lambda: data_tools.open("bop:/nowhere"), "path"),
 ]
 

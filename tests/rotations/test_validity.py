@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
-from posecore.rotations import is_rotation, require_rotation, rotation_defect, special_procrustes
+from posecore.rotations import (
+    geodesic_distance,
+    is_rotation,
+    random_rotations,
+    require_rotation,
+    rotation_defect,
+    special_procrustes,
+)
 
 RANDOM = Rotation.random(20, random_state=0).as_matrix()
 matrices = hnp.arrays(float, (3, 3), elements=st.floats(-2, 2))
@@ -106,6 +113,21 @@ def test_rotations_of_any_kind_pass(R: object) -> None:
 def test_autocast_does_not_make_rotations_worse() -> None:
     with torch.autocast("cpu", dtype=torch.bfloat16):
         require_rotation("R", torch.from_numpy(RANDOM).float())
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_half_precision_is_not_refused_for_its_digits(dtype: torch.dtype) -> None:
+    R = random_rotations(2000, generator=0)
+    half, doubtful = R.to(dtype), 1.02 * R
+    limit = torch.finfo(dtype).eps
+    assert is_rotation(half).all() and not is_rotation(doubtful.to(dtype)).any()
+    assert rotation_defect(half).max() < limit
+    assert geodesic_distance(half, R).max() < limit
+    with pytest.raises(ValueError, match="^R_2: expected rotation matrices to 0.00"):
+        geodesic_distance(half, doubtful.to(dtype))
+    if dtype == torch.bfloat16:  # as numbers of single precision they are no rotations
+        with pytest.raises(ValueError, match="^R_1: expected rotation matrices to 0.001"):
+            geodesic_distance(half.float(), R)
 
 
 def test_the_refusal_says_what_where_and_what_to_do() -> None:

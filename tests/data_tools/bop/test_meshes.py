@@ -85,6 +85,18 @@ def test_a_text_stl_in_capitals(tmp_path):
     assert len(read_mesh(write(tmp_path, "mesh.stl", content)).vertices) == 8
 
 
+@pytest.mark.parametrize("names", [(" one", " two"), ("", "")])
+def test_a_text_stl_of_two_solids(tmp_path, names):
+    """What programs for construction write of an assembly."""
+    text = BOX.export(file_type="stl_ascii").replace("solid ", "solid").strip()
+    solids = [text.replace("\n", f"{name}\n", 1) + name for name in names]
+    solids[1] = solids[1].replace("50.0", "70.0")
+    mesh = read_mesh(write(tmp_path, "mesh.stl", "\n".join(solids)))
+    assert (len(mesh.vertices), len(mesh.faces)) == (16, 24)
+    with pytest.raises(ValueError, match="damaged STL"):
+        read_mesh(write(tmp_path, "mesh.stl", "\n".join(solids)[: -len("endsolid two")]))
+
+
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
 def test_stl_is_refused_at_any_length(tmp_path, kind):
     content = BOX.export(file_type=kind)

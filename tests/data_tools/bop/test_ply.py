@@ -48,6 +48,9 @@ def binary(order: str) -> bytes:
     [
         HEAD + VERTICES + FACES,
         (HEAD + VERTICES + FACES).replace("\n", "\r\n"),
+        (HEAD + VERTICES + FACES).replace("\n", "\r"),  # of old Macs
+        "\N{BOM}" + HEAD + VERTICES + FACES,
+        b"\xef\xbb\xbf" + binary("<"),
         HEAD + VERTICES + FACES + "\n\n",
         binary("<"),
         binary(">"),

@@ -232,6 +232,8 @@ def test_missing_file_and_unknown_choice(folder):
         read_results(folder / "nowhere.csv")
     with pytest.raises(ValueError, match="rotations: expected one of"):
         read_results(write(folder, HEADER), "round")
+    with pytest.raises(ValueError, match=r"^path: expected the name of a file or a folder, got ''"):
+        read_results("")
 
 
 def test_what_is_no_table_of_poses_is_not_written(tmp_path):

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from data_tools.bop.scenes import UnitWarning, read_cameras
+from data_tools.units import of_dataset, of_tables
 from data_tools.views import ObjectView, View
-from posecore.methods.units import of_dataset, of_tables
 from posecore.metrics import PoseTable
 
 
