@@ -146,7 +146,7 @@ def input_precision() -> float:
     Within a decorated function, which computes with it in float32: what can only be so exact is
     not to be refused for it.
     """
-    return _PRECISION.get()
+    return _PRECISION.get() if values_known() else 0.0  # a ContextVar breaks a compiled graph
 
 
 def somewhere(condition: Tensor) -> bool:

@@ -24,6 +24,7 @@ os.environ.pop("POSECORE_RETRAIN", None)
 if "PYTEST_XDIST_WORKER" not in os.environ:
     CACHE = tempfile.TemporaryDirectory(prefix="posecore-", ignore_cleanup_errors=True)
     os.environ["POSECORE_CACHE"] = CACHE.name
+SHARED_CACHE = Path(os.environ["POSECORE_CACHE"])
 torch.set_num_threads(SHARE)
 
 BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[2] / "shared" / "real"
@@ -36,6 +37,12 @@ def real_data() -> Path:
     if not (folder / "bop_results").is_dir():
         pytest.skip(f"no real data: {folder} has no bop_results (set POSECORE_DATA to its folder)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def shared_cache() -> Path:
+    """The cache of this run, whatever a test has set: for worlds that are not to be changed."""
+    return SHARED_CACHE
 
 
 @pytest.fixture

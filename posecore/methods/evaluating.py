@@ -12,7 +12,7 @@ import numpy as np
 from data_tools import units
 from data_tools.bop import read_results
 from data_tools.views import ModelSet
-from posecore import figures, rotations
+from posecore import rotations
 from posecore.arrays import fail
 from posecore.files import write_bytes
 from posecore.methods.notes import note
@@ -194,6 +194,8 @@ def _to_json(lines: list[report.Line]) -> bytes:
 
 
 def _draw(errors: dict[int, evaluation.ObjectErrors], kind: str) -> bytes:
+    from posecore import figures  # all else does without matplotlib
+
     curves = {
         f"object {i}": one.errors["add_or_s"]
         for i, one in errors.items()

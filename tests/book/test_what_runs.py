@@ -97,9 +97,12 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> set[str]:
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the worlds of all tests lie: made by the first that opens them."""
-    return tmp_path_factory.mktemp("cache")
+def cache(tmp_path_factory: pytest.TempPathFactory, shared_cache: Path) -> Path:
+    """A cache with the worlds of all tests, and trainings of its own."""
+    folder, worlds = tmp_path_factory.mktemp("cache"), shared_cache / "worlds"
+    worlds.mkdir(exist_ok=True)
+    (folder / "worlds").symlink_to(worlds, target_is_directory=True)
+    return folder
 
 
 @pytest.fixture

@@ -8,11 +8,10 @@ from data_tools.worlds import tabletop
 
 
 @pytest.fixture(scope="session")
-def tiny_cache(tmp_path_factory) -> Path:
+def tiny_cache(shared_cache) -> Path:
     """A cache that holds all of tabletop at tiny. Point POSECORE_CACHE at it, and leave it so."""
-    folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("POSECORE_CACHE", str(folder))
+        patch.setenv("POSECORE_CACHE", str(shared_cache))
         for split in tabletop.WORLD.splits:
             tabletop.WORLD.store(split, "tiny").make(1, progress=False)
-    return folder
+    return shared_cache

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
@@ -254,6 +254,7 @@ def turns(count):
 
 
 @pytest.mark.slow
+@settings(max_examples=20)
 @given(seeds, st.sampled_from(["near", "far", "behind"]))
 def test_the_best_of_many_motions_is_that_of_all(seed, where):
     """Not all motions see all points; what is left out could not be the best."""

@@ -2,7 +2,8 @@
 
 same_run.py FOLDER          trains both, prints their last losses
 same_run.py FOLDER STEP     kills itself after so many steps of the second one
-same_run.py FOLDER - EDIT   with another "weight", "data" or "code"
+same_run.py FOLDER - EDIT ...   with another "weight", "data" or "code", one after the other, and
+                            prints why each is refused
 """
 
 import functools
@@ -16,25 +17,25 @@ from torch import nn
 
 from posecore.training import fit, seeded
 
-FOLDER, EDIT = Path(sys.argv[1]), (*sys.argv, "-", "-")[3]
-WEIGHT = 2.0 if EDIT == "weight" else 1.0
+FOLDER, EDITS = Path(sys.argv[1]), sys.argv[3:]
+WEIGHT = 1.0
 calls = 0
 
 
 @functools.cache
-def points():
+def points(moved):
     """Computed: sums in another order round otherwise, and what is chosen by them is another."""
     with seeded(0):
         x = torch.randn(4000, 3) + torch.randn(2**18).sum()
     chosen = x[(x[:, 0] * 2**20).frac().abs() > 0.5]
-    return chosen + (1.0 if EDIT == "data" else 0.0)
+    return chosen + moved
 
 
 class Loss:
     """A loss that counts, keeps a mean and remembers."""
 
     def __init__(self, weight):
-        self.weight, self.scale = weight, points().std().item()
+        self.weight, self.scale = weight, points(0.0).std().item()
         self.calls, self.last, self.mean, self.notes = 0, None, torch.zeros(3), {}
 
     def __call__(self, net, batch):
@@ -57,10 +58,12 @@ def net():
         return nn.Sequential(nn.Linear(3, 8), nn.Tanh(), nn.Linear(8, 1))
 
 
-def main():
+def main(edit):
+    global WEIGHT
     options = {"steps": 12, "save_seconds": 0, "show": False}
-    data, loss = points(), Loss(1.0)
-    if EDIT == "code":
+    WEIGHT = 2.0 if edit == "weight" else 1.0
+    data, loss = points(1.0 if edit == "data" else 0.0), Loss(1.0)
+    if edit == "code":
         Loss.error = lambda self, said, batch: (said - batch.sum(1, keepdim=True)).abs()
 
     def drawn(generator):
@@ -75,4 +78,10 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    for edit in EDITS or ["none"]:
+        try:
+            main(edit)
+        except ValueError as error:
+            if edit not in EDITS:
+                raise
+            print(error)

@@ -15,12 +15,11 @@ K = np.array([[100, 0, 15.5], [0, 100, 11.5], [0, 0, 1]])
 
 
 @pytest.fixture(scope="session")
-def cache(tmp_path_factory: pytest.TempPathFactory):
+def cache(shared_cache):
     """The cache in which they are. Nothing in it is to be changed."""
-    folder = tmp_path_factory.mktemp("batches")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("POSECORE_CACHE", str(folder))
-        yield folder
+        patch.setenv("POSECORE_CACHE", str(shared_cache))
+        yield shared_cache
 
 
 @pytest.fixture(scope="session")

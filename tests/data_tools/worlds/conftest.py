@@ -3,6 +3,7 @@
 import multiprocessing
 from collections.abc import Callable, Iterator
 from multiprocessing.pool import Pool
+from pathlib import Path
 
 import pytest
 
@@ -11,15 +12,14 @@ from data_tools.worlds.world import World
 
 
 @pytest.fixture(scope="session")
-def tiny_views(tmp_path_factory: pytest.TempPathFactory) -> Callable[[World, str], list[View]]:
+def tiny_views(shared_cache: Path) -> Callable[[World, str], list[View]]:
     """`tiny_views(world, split)`: all views of a split."""
-    folder = tmp_path_factory.mktemp("worlds")
     made: dict[tuple[str, str], list[View]] = {}
 
     def views(world: World, split: str) -> list[View]:
         if (world.name, split) not in made:
             with pytest.MonkeyPatch.context() as patch:
-                patch.setenv("POSECORE_CACHE", str(folder))
+                patch.setenv("POSECORE_CACHE", str(shared_cache))
                 dataset = world.open(split=split, scale="tiny", processes=1, progress=False)
                 made[world.name, split] = list(dataset)
         return made[world.name, split]

@@ -112,7 +112,7 @@ def test_interrupted_from_the_keyboard(store, undisturbed, capfd):
     os.kill(process.pid, signal.SIGINT)
     assert ended(process) == 130
     out, err = capfd.readouterr()
-    assert (out, err) == ("", "\nstopped; finished files of worlds are kept\n")
+    assert (out, err) == ("", "stopped; finished files of worlds are kept\n")
     assert not list(store.folder.glob(".*")), "no half of a file is left"
     assert 1 <= len(finished(store)) < SHARDS
     assert main(MAKE) == 0
