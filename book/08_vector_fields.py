@@ -19,14 +19,15 @@ import data_tools
 from book.ch08_vector_fields.drawing import losses as gradients
 from book.ch08_vector_fields.drawing import results as charts
 from book.ch08_vector_fields.drawing import voting as draw
-from posecore import cameras, metrics, poses
-from posecore.methods.vector_field import fields, keypoints, losses, network, voting
+from posecore import cameras, metrics, poses, symmetry
+from posecore.methods.vector_field import fields, losses, network, voting
+from posecore.models import model_keypoints
 from posecore.scale import choose, scale
 
 scenes = data_tools.open("tabletop", split="occluded", whole=False)  # makes only what is looked at
 crowd = scenes[9]
 behind = next(item for item in crowd.objects if item.object_id == 5)
-tip = keypoints.model_keypoints(scenes.models().mesh(5).vertices)[0]  # of the teapot's spout
+tip = model_keypoints(scenes.models().mesh(5).vertices)[0]  # of the teapot's spout
 hidden = fields.project_keypoints(tip[None], behind.R, behind.t, crowd.K)[0]
 draw.question(crowd, behind.mask, behind.full_mask, hidden)
 
@@ -536,7 +537,7 @@ def spread(points, count=8):
 
 
 model = spread(vertices)  # (9, 3) metres
-assert np.allclose(model, keypoints.model_keypoints(vertices))
+assert np.allclose(model, model_keypoints(vertices))
 assert np.array_equal(model[0], tip) and np.array_equal(model[8], middle)
 
 # %%
@@ -915,7 +916,7 @@ from data_tools import batches
 easy = data_tools.open("tabletop", split="easy")
 stack, models = batches.load(easy, progress=False), easy.models()
 known = (7, 3, 5)
-points_3d = np.stack([keypoints.model_keypoints(models.mesh(i).vertices) for i in known])
+points_3d = np.stack([model_keypoints(models.mesh(i).vertices) for i in known])
 symmetries = [models.info(i).symmetries() for i in known]
 
 # %%
@@ -1134,7 +1135,7 @@ gradients.schedule(beta, rate)
 #
 # **Reading.** `projection_weight` is a function of how much of the training is done, from 0 to 1,
 # so that it can be used with any number of steps. Against the wall, the library has two remedies:
-# `VectorFieldLoss(begin=0.15)` lets the projection loss come in late, and `forward_only=True`
+# `VectorFieldLoss(warmup=0.15)` lets the projection loss come in late, and `ignore_reversed=True`
 # leaves out arrows that point away, so that the vector loss can bring them round. (Nine fields of a
 # disc are an easy task, and three seeds few. What it does to the large network is for the ledger.)
 
@@ -1229,7 +1230,7 @@ layers.hourglass(sizes, skips)
 # | outputs | 1x1 | 2 and 18 | 640 x 480 |
 #
 # On this page the network keeps the first layers, which see the details, and has few channels in the
-# later ones, where most of the weights are: `most` is their number at most. And it is trained on
+# later ones, where most of the weights are: `max_channels` is their number at most. And it is trained on
 # small windows:
 
 # %%
@@ -1238,8 +1239,8 @@ strides = [1, 2, 4, 8, 8, 8, 8, 8, 4, 2, 1]
 table = zip(channels, strides, strict=True)
 assert list(sizes.values()) == [(c, 480 // s, 640 // s) for c, s in table]
 
-width, most = choose(tiny=(8, None), book=(64, 72), paper=(64, None))
-net = network.VectorFieldNet(objects=3, width=width, most=most)
+width, max_channels = choose(tiny=(8, None), book=(64, 72), paper=(64, None))
+net = network.VectorFieldNet(objects=3, width=width, max_channels=max_channels)
 for name, (c, h, w) in sizes_of(net, side, side).items():
     print(f"{name:8}{c:4} channels, {w} x {h}")
 for where, one in (("paper", paper), ("here", net)):
@@ -1348,7 +1349,7 @@ layers.seen_squares(frame, (columns.mean(), rows.mean()), squares)
 # %%
 counts = {}
 for objects in (1, 2, 3):
-    one = network.VectorFieldNet(objects, width=width, most=most)
+    one = network.VectorFieldNet(objects, width=width, max_channels=max_channels)
     counts[objects] = sum(x.numel() for x in one.parameters())
     outputs = one.mask_layer.out_features + one.vector_layer.out_features
     print(f"objects: {objects}, numbers a pixel: {outputs}, weights: {counts[objects]:,}")
@@ -1618,7 +1619,7 @@ def told(batch, b, k):
             mask = (batch["instance"][b] == slot).numpy()
             R, t = (batch[key][b, slot].double().numpy() for key in ("R", "t"))
             if model.symmetric:  # one of many poses: see below
-                R, t = keypoints.canonical_rotation(R, t, model.symmetries)
+                R, t = symmetry.canonical_rotation(R, t, model.symmetries)
             K = batch["K"][b].double().numpy()
             x = fields.project_keypoints(model.keypoints, R, t, K)
             labels[mask], vectors[mask] = 1 + o, x[k] - places[mask]
@@ -1653,7 +1654,7 @@ for S in vase.symmetries[:: -(-len(vase.symmetries) // 4)]:
     assert metrics.add_s(R_turned, t_turned, R, t, vase.points) < 0.03 * vase.diameter
     K = tables.K[int(tables.view[row])].numpy()
     given = fields.project_keypoints(vase.keypoints, R_turned, t_turned, K)
-    chosen = keypoints.canonical_rotation(R_turned, t_turned, vase.symmetries)
+    chosen = symmetry.canonical_rotation(R_turned, t_turned, vase.symmetries)
     asked.append(fields.project_keypoints(vase.keypoints, *chosen, K))
     print(f"keypoint 0 at {given[0].round()}, asked for at {asked[-1][0].round()}")
 assert np.allclose(asked, asked[0], atol=0.1)
@@ -1671,7 +1672,7 @@ assert np.allclose(asked, asked[0], atol=0.1)
 # other, not with the figure below.)
 #
 # To spare you the wait for two thousand training pictures, it learns from the pictures of `easy`.
-# So look at it elsewhere: at the forty least hidden teapots of `occluded`, on tables that it has not
+# So look at it background_fraction: at the forty least hidden teapots of `occluded`, on tables that it has not
 # seen.
 
 
@@ -1721,7 +1722,7 @@ stages = {"at first": look_at_all(trial)}
 history = fit(
     trial,
     Pool(windows, steps=steps, count=count),
-    Objective(three, losses.VectorFieldLoss(begin=0.15, forward_only=True)),
+    Objective(three, losses.VectorFieldLoss(warmup=0.15, ignore_reversed=True)),
     steps=steps,
     lr=choose(tiny=1e-3, book=8e-3, paper=1e-3),
     optimiser=Muon,
@@ -1890,11 +1891,13 @@ for name, pose in by_hand.items():
 # incorporating projection loss".
 
 # %%
-from posecore.methods.vector_field.masked_fields import look_at
+from posecore.methods.vector_field.masked_fields import predict_fields
 from posecore.methods.vector_field.systems import VectorFieldSystem
 
 opepl = VectorFieldSystem.named("OPEPL", net, three, fit="angles")
-seen = look_at(net, first["rgb"], precision="float32")  # masks, and arrows at their pixels only
+seen = predict_fields(
+    net, first["rgb"], precision="float32"
+)  # masks, and arrows at their pixels only
 estimates = opepl.estimate_fields(seen, first["K"])
 for estimate in estimates:
     if estimate.object_id == 5 and by_hand["weighed"] is not None and estimate.score > 0:
@@ -2097,7 +2100,9 @@ looks.residuals(rgb, mask.numpy(), pixels, inside, arrows[:, 0], expected[:, 0],
 def correct(R, t):
     """One correction of a pose."""
     pixels, inside, said, expected = compare(R, t)
-    differ = np.where(inside[:, None, None], said - expected, 0) / refinement.RESIDUAL  # about 1
+    differ = (
+        np.where(inside[:, None, None], said - expected, 0) / refinement.RESIDUAL_SCALE
+    )  # about 1
     known = np.concatenate([differ.reshape(len(pixels), -1), inside[:, None]], -1)
     there = (teapot_points - centre) @ R.T / teapot_model.diameter
     with torch.no_grad():

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,39 +13,37 @@ import torch
 from torch import Tensor
 
 from book.ch08_vector_fields import field_training as training
-from book.ch08_vector_fields import outcomes
 from book.tools.checkpoints import resume_folder
 from book.tools.keys import Key
-from posecore.methods.vector_field.frozen_fields import (
-    look_at_views,
-    own_poses,
-    weights_digest,
-)
-from posecore.methods.vector_field.masked_fields import MaskedFields
+from posecore import weights
+from posecore.methods.outcomes import Outcome, outcomes, recall, recall_by
 from posecore.methods.vector_field.network import VectorFieldNet
+from posecore.methods.vector_field.recipe import Recipe
 from posecore.methods.vector_field.refinement import FieldRefiner
 from posecore.methods.vector_field.refiner_training import RefinerTraining
 from posecore.methods.vector_field.systems import SYSTEMS, Estimate, VectorFieldSystem
+from posecore.methods.vector_field.voting import VoteOptions
 from posecore.registration import pnp
 from posecore.scale import choose
-from posecore.training import fit, seeded
+from posecore.training import fit
 
 __all__ = [
     "BINS",
     "DATA",
-    "FIT",
     "LOSSES",
     "REFINER_STEPS",
     "SPLITS",
     "STEPS",
-    "THRESHOLD",
     "chosen_pose",
     "compare_losses",
     "compare_systems",
+    "judged",
     "new_refiner",
+    "recipe_of",
     "run",
     "train_refiner",
     "trained",
+    "visible_bin",
     "visible_key",
 ]
 
@@ -52,26 +51,19 @@ SPLITS = ("easy", "occluded")
 DATA = ("tabletop/train", "tabletop/easy", "tabletop/occluded")
 STEPS = {"tiny": 20, "book": 1600, "paper": 250_000}
 REFINER_STEPS = {"tiny": 20, "book": 2000, "paper": 50_000}
-LOSSES: dict[str, tuple] = {
-    "none": ("none", 0.0),
-    "pixel": ("pixel", "dynamic", 0.15, True),
-    "printed": ("pixel", "dynamic"),
-    "unit": ("unit", "dynamic", 0.15, True),
-    "constant": ("pixel", 0.05, 0.0, True),
+LOSSES: dict[str, dict] = {
+    "none": {"projection": "none", "weight": 0.0},
+    "pixel": {"weight": "dynamic", "warmup": 0.15, "ignore_reversed": True},
+    "printed": {"weight": "dynamic"},
+    "unit": {"projection": "unit", "weight": "dynamic", "warmup": 0.15, "ignore_reversed": True},
+    "constant": {"weight": 0.05, "ignore_reversed": True},
 }
-"""Projection loss, its weight, when it begins and whether vectors that point away are left out:
-PVNet without one; the book's reading; Eq 1 and 2 as printed; unit vectors in place of pixels; and
-the last weight of Eq 2 from the beginning."""
+"""PVNet without a projection loss; the book's reading; Eq 1 and 2 as printed; unit vectors in place
+of pixels; and the last weight of Eq 2 from the beginning."""
 BINS = (0.1, 0.4, 0.6, 0.8, 0.95, 1.0)
 """Of the visible fraction."""
-FIT = "angles"
-"""The last step of the vote. PVNet's least squares of lines draws keypoints towards the object."""
-THRESHOLD = 0.8
-"""Of the overlap, for OPEPL-DR."""
-
 Pose = tuple[np.ndarray, np.ndarray]
 Found = dict[tuple[int, int], Estimate]
-Seen = list[tuple[MaskedFields, dict[str, Tensor]]]
 
 
 def run(system: VectorFieldSystem, split: str) -> Found:
@@ -91,15 +83,15 @@ def compare_losses(seed: int) -> dict[Key, float]:
     values = {}
     for name in LOSSES:
         net = trained(name, seed)
-        system = VectorFieldSystem(net, training.models(), fit=FIT)
+        system = training.recipe().system("OPEPL", net, training.models())
         for split in SPLITS:
-            data, found = training.stack(split), run(system, split)
-            values |= _shares(name, split, outcomes.outcomes(data, _poses(found)))
+            found = run(system, split)
+            values |= _shares(name, split, judged(split, _poses(found)))
             if name == "pixel":
-                judged = outcomes.outcomes(data, _plain(found, split))
-                values |= _shares("plain PnP", split, judged)
-                other = run(VectorFieldSystem(net, training.models(), fit="lines"), split)
-                values |= _shares("lines", split, outcomes.outcomes(data, _poses(other)))
+                values |= _shares("plain PnP", split, judged(split, _plain(found, split)))
+                lines = VectorFieldSystem(net, training.models(), voting=VoteOptions(fit="lines"))
+                other = run(lines, split)
+                values |= _shares("lines", split, judged(split, _poses(other)))
     return values
 
 
@@ -110,32 +102,47 @@ def compare_systems(seed: int) -> dict[Key, float]:
     """
     net = trained("pixel", seed)
     steps = choose(**REFINER_STEPS)
-    refiner, by_chance = (
-        train_refiner(net, own=own, seed=seed, steps=steps) for own in (True, False)
+    system, other = (
+        training.recipe().system(
+            "OPEPL-R",
+            net,
+            training.models(),
+            train_refiner(net, own=own, seed=seed, steps=steps),
+        )
+        for own in (True, False)
     )
-    system = VectorFieldSystem.named("OPEPL-R", net, training.models(), refiner, fit=FIT)
-    other = VectorFieldSystem.named("OPEPL-R", net, training.models(), by_chance, fit=FIT)
     values = {}
-    everything: dict[str, list] = {name: [] for name in SYSTEMS}
+    everything: dict[str, list[Outcome]] = {name: [] for name in SYSTEMS}
     for split in SPLITS:
         found = run(system, split)
         for name in SYSTEMS:
             chosen = {key: chosen_pose(name, estimate) for key, estimate in found.items()}
-            judged = outcomes.outcomes(training.stack(split), chosen)
-            values |= _shares(name, split, judged)
-            everything[name] += judged
-        judged = outcomes.outcomes(training.stack(split), _poses(run(other, split)))
-        values |= _shares("by chance", split, judged)
-        large = [estimate.overlap > THRESHOLD for estimate in found.values()] or [False]
+            done = judged(split, chosen)
+            values |= _shares(name, split, done)
+            everything[name] += done.values()
+        values |= _shares("by chance", split, judged(split, _poses(run(other, split))))
+        threshold = training.recipe().threshold
+        large = [estimate.overlap > threshold for estimate in found.values()] or [False]
         values[Key("OPEPL-DR", split, "refined")] = 100 * float(np.mean(large))
-    for name, judged in everything.items():
+    for name, done in everything.items():
+        shares = recall_by(done, visible_bin)
         for low, high in itertools.pairwise(BINS):
-            last = high == BINS[-1]
-            some = [o for o in judged if low <= o.visible and (o.visible < high or last)]
-            if some:
-                right = 100 * float(np.mean([outcome.right for outcome in some]))
-                values[visible_key(name, low, high)] = right
+            if (low, high) in shares:
+                values[visible_key(name, low, high)] = 100 * shares[low, high]
     return values
+
+
+def judged(split: str, poses: Mapping[tuple[int, int], Pose]) -> dict[tuple[int, int], Outcome]:
+    """What became of the three objects of a split, by view and object."""
+    return outcomes(training.stack(split), training.models(), poses)
+
+
+def visible_bin(one: Outcome) -> tuple[float, float] | None:
+    """The bin of `BINS` in which the visible part of an object lies; None below the first."""
+    for low, high in itertools.pairwise(BINS):
+        if low <= one.visible and (one.visible < high or high == BINS[-1]):
+            return low, high
+    return None
 
 
 def visible_key(system: str, low: float, high: float) -> Key:
@@ -146,7 +153,8 @@ def visible_key(system: str, low: float, high: float) -> Key:
 def chosen_pose(system: str, estimate: Estimate) -> Pose:
     """What a system says, told by an estimate of OPEPL-R, which has the pose of before, too."""
     when = SYSTEMS[system]
-    if when == "always" or (when == "overlap" and estimate.overlap > THRESHOLD):
+    large = estimate.overlap > training.recipe().threshold
+    if when == "always" or (when == "overlap" and large):
         return estimate.R, estimate.t
     return estimate.first
 
@@ -156,9 +164,7 @@ def chosen_pose(system: str, estimate: Estimate) -> Pose:
 
 def new_refiner(seed: int = 0) -> FieldRefiner:
     """A refiner of the three objects, with its first weights."""
-    with seeded(seed):
-        width = choose(tiny=4, book=16, paper=64)
-        return FieldRefiner(training.models(), width)
+    return training.recipe().new_refiner(training.models(), seed)
 
 
 def train_refiner(
@@ -180,37 +186,30 @@ def train_refiner(
         keep: whether a training that was stopped goes on, and a finished one is found again.
     """
     refiner = new_refiner(seed)
-    names = (own, seed, steps, weights_digest(net))
+    names = (own, seed, steps, weights.digest(net.state_dict()))
 
     @lru_cache(maxsize=1)
     def learning() -> RefinerTraining:
         """Not before it is wanted: a training that is found again needs none."""
-        seen, models = training_fields(net), training.models()
-        system = VectorFieldSystem(net, models, fit=FIT)
-        poses = own_poses(system, seen, show=False) if own else None
-        return RefinerTraining(seen, models, poses, size=choose(tiny=8, book=64, paper=64))
+        found = training.recipe().refiner_training(
+            net, training.stack("train"), training.models(), initial=own, show=False
+        )
+        if found is None:
+            raise ValueError("net: expected one that sees objects in the training images")
+        return found
 
     fit(
         refiner,
         lambda generator: learning().batches(generator),
         lambda model, batch: learning().loss(model, batch),
         steps=steps,
-        lr=1e-3,
-        clip=1.0,
         seed=seed,
         device="cpu",
         resume=resume_folder(train_refiner, *names, data=training.DATA) if keep else None,
         show=False,
+        **training.recipe().fit_refiner,
     )
     return refiner
-
-
-@lru_cache(maxsize=1)
-def training_fields(net: VectorFieldNet) -> Seen:
-    """What a network says of the training images, each varied once."""
-    return look_at_views(
-        net, training.stack("train"), training.size(), augment=training.VARIED, show=False
-    )
 
 
 # Parts --------------------------------------------------------------------------------------------
@@ -219,7 +218,14 @@ def training_fields(net: VectorFieldNet) -> Seen:
 @lru_cache(maxsize=8)
 def trained(name: str, seed: int) -> VectorFieldNet:
     """The network of a loss and a seed."""
-    return training.train_net(*LOSSES[name], seed=seed, steps=choose(**STEPS))[0]
+    return training.train_net(recipe_of(name), seed=seed)[0]
+
+
+def recipe_of(name: str) -> Recipe:
+    """That of the scale in force, with one of `LOSSES` and fewer steps; no windows are anywhere."""
+    plain = {"projection": "pixel", "warmup": 0.0, "ignore_reversed": False}
+    changes = plain | LOSSES[name] | {"background_fraction": 0.0, "steps": choose(**STEPS)}
+    return replace(training.recipe(), **changes)
 
 
 def _looks(split: str) -> Iterator[tuple[Tensor, dict[str, Tensor]]]:
@@ -243,13 +249,13 @@ def _plain(found: Found, split: str) -> dict[tuple[int, int], Pose]:
     return poses
 
 
-def _shares(name: str, split: str, judged: list) -> dict[Key, float]:
+def _shares(name: str, split: str, done: Mapping[tuple[int, int], Outcome]) -> dict[Key, float]:
     """Percentages right: over the objects, of each of them, and by 2D projection."""
     values = {
-        Key(name, split, "add"): outcomes.recall(judged),
-        Key(name, split, "projection"): outcomes.recall(judged, "projection"),
+        Key(name, split, "add"): recall(done.values()),
+        Key(name, split, "projection"): recall(done.values(), lambda one: one.projected_right),
     }
+    shares = recall_by(done.values(), lambda one: one.object_id)
     for object_id, word in zip(training.OBJECTS, training.NAMES, strict=True):
-        own = [outcome for outcome in judged if outcome.object_id == object_id]
-        values[Key(name, split, "add", word)] = outcomes.recall(own)
+        values[Key(name, split, "add", word)] = 100 * shares[object_id]
     return values

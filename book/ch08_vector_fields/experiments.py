@@ -15,7 +15,6 @@ from book.tools.checkpoints import Training
 from book.tools.claims import Claim
 from book.tools.keys import Key
 from book.tools.ledger import Measurement
-from posecore.scale import choose
 
 HIGHER = {"better": "higher", "unit": "%"}
 OURS = {"source": "not in the paper", "ours": True}
@@ -136,8 +135,7 @@ def train_field() -> dict[str, Tensor]:
     With the loss that was the best of them on average; and from windows anywhere it learns what a
     bare table is, which in those of the comparison it takes for a vase now and then.
     """
-    steps = choose(tiny=20, book=11_000, paper=250_000)
-    net, _ = training.train_net(*comparison.LOSSES["constant"], elsewhere=0.15, steps=steps)
+    net, _ = training.train_net(training.recipe())
     return _halved(net.state_dict())
 
 
@@ -145,7 +143,7 @@ def train_refiner() -> dict[str, Tensor]:
     """The refiner for the network that the page ships."""
     net = training.new_net()
     net.load_state_dict(train_field())
-    steps = choose(tiny=20, book=3000, paper=50_000)
+    steps = training.recipe().refiner_steps
     return _halved(comparison.train_refiner(net.eval(), seed=0, steps=steps).state_dict())
 
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from book.ch08_vector_fields import comparison
 from book.ch08_vector_fields import field_training as training
 from book.tools.keys import Key
-from posecore.methods.vector_field.masked_fields import MaskedFields, look_at
+from posecore.methods.vector_field.masked_fields import MaskedFields, predict_fields
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.methods.vector_field.systems import STAGES, VectorFieldSystem
 from posecore.nets.resnet import fold_batch_norm
@@ -57,7 +57,7 @@ def measure_speed(seed: int) -> dict[Key, float]:
     views = views[: choose(tiny=2, book=20, paper=50)]
     values = {}
     for count in range(1, 1 + len(known)):
-        system = VectorFieldSystem(part_of(net, count), known[:count], fit=comparison.FIT)
+        system = training.recipe().system("OPEPL", part_of(net, count), known[:count])
         for size in (training.size(), *LARGER):
             batches = [data.frames(view[None], size) for view in views]
             timed = _of_an_image if size == training.size() else _of_a_larger_image
@@ -80,7 +80,7 @@ def _shipped() -> VectorFieldNet:
 
 def part_of(net: VectorFieldNet, count: int) -> VectorFieldNet:
     """The same network for the first `count` of its objects, and for use only."""
-    smaller = VectorFieldNet(count, net.keypoints, training.width(), training.most())
+    smaller = training.recipe().new_net(training.models()[:count])
     weights = dict(net.state_dict())
     rows = {"mask_layer": 1 + count, "vector_layer": 2 * net.keypoints * count}
     for layer, number in rows.items():
@@ -101,7 +101,7 @@ def _of_an_image(system: VectorFieldSystem, batch: dict[str, Tensor]) -> list[fl
 def _of_a_larger_image(system: VectorFieldSystem, batch: dict[str, Tensor]) -> list[float]:
     fields = MaskedFields(*training.true_fields(batch, system.models)[1:])
     began = time.perf_counter()
-    look_at(system.net, batch["rgb"])
+    predict_fields(system.net, batch["rgb"])
     seconds = time.perf_counter() - began
     estimates = system.estimate_fields(fields, batch["K"], seconds)
     total = time.perf_counter() - began

@@ -12,11 +12,13 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from book.ch08_vector_fields import comparison, outcomes
+from book.ch08_vector_fields import comparison
 from book.ch08_vector_fields import field_training as training
 from posecore import weights
+from posecore.methods.outcomes import recall
 from posecore.methods.vector_field.masked_fields import MaskedFields
 from posecore.methods.vector_field.systems import SYSTEMS, Estimate, VectorFieldSystem
+from posecore.methods.vector_field.voting import VoteOptions
 
 __all__ = ["witness_losses", "witness_systems"]
 
@@ -35,12 +37,12 @@ def witness_losses(seed: int) -> dict[str, object]:
     for split in comparison.SPLITS:
         # The whole road of `compare_losses`, with these fields in place of a network's.
         chosen = comparison.run(_Given(system, split, seed), split)
-        judged = outcomes.outcomes(training.stack(split), comparison._poses(chosen))
-        shares = comparison._shares("given fields", split, judged)
+        done = comparison.judged(split, comparison._poses(chosen))
+        shares = comparison._shares("given fields", split, done)
         found |= {f"shares, {key}": value for key, value in shares.items()}
         views, batch, fields = _noisy_fields(split, seed)
         for fit in ("angles", "lines"):
-            system.fit = fit
+            system.voting = VoteOptions(fit=fit)
             estimates = {
                 (int(views[one.image]), one.object_id): one
                 for one in system.estimate_fields(fields, batch["K"])
@@ -61,9 +63,7 @@ def witness_systems(seed: int) -> dict[str, object]:
     for own in (True, False):
         refiner = comparison.train_refiner(net, own=own, seed=seed, steps=steps)
         found[f"weights, own {own}"] = weights.digest(refiner.state_dict())
-        system = VectorFieldSystem.named(
-            "OPEPL-R", net, training.models(), refiner, fit=comparison.FIT
-        )
+        system = training.recipe().system("OPEPL-R", net, training.models(), refiner)
         for split in comparison.SPLITS:
             views, batch, fields = _noisy_fields(split, seed)
             estimates = system.estimate_fields(fields, batch["K"])
@@ -109,13 +109,13 @@ def _noisy_fields(
 
 
 def _errors(name: str, split: str, poses: dict) -> dict[str, object]:
-    judged = outcomes.outcomes(training.stack(split), poses)
-    here = [one for one in judged if np.isfinite(one.add)]
+    done = comparison.judged(split, poses).values()
+    here = [one for one in done if np.isfinite(one.add)]
     return {
         f"{name}, found": len(here),
         f"{name}, add": float(sum(one.add for one in here)),
         f"{name}, projection": float(sum(one.projection for one in here)),
         f"{name}, t": float(sum(one.t for one in here)),
-        f"{name}, recall": outcomes.recall(judged),
-        f"{name}, recall by projection": outcomes.recall(judged, "projection"),
+        f"{name}, recall": recall(done),
+        f"{name}, recall by projection": recall(done, lambda one: one.projected_right),
     }

@@ -41,7 +41,8 @@ from book.ch08_vector_fields.drawing import exercises as draw
 from book.tools.checks import use
 from data_tools import renderer, sensors, shapes
 from posecore import cameras, clouds, figures, metrics, poses, registration, rotations
-from posecore.methods.vector_field import keypoints, voting
+from posecore.methods.vector_field import voting
+from posecore.models import model_keypoints
 from posecore.scale import choose, scale
 
 generator = torch.Generator().manual_seed(0)
@@ -662,7 +663,7 @@ draw.spreads(np.array(hidden), curves, 0.8)
 lying = rotations.axis_angle_to_matrix(torch.deg2rad(torch.tensor([115.0, 0, 0])))
 t_vase = torch.tensor([0.0, 0.0, 0.36])
 vase = torch.from_numpy(shapes.make_object(3).vertices)
-vase_keypoints = keypoints.model_keypoints(vase)  # (9, 3), the last is the centre
+vase_keypoints = model_keypoints(vase)  # (9, 3), the last is the centre
 turns = torch.deg2rad(torch.arange(0, 360, 10.0))
 every_label = lying @ checks.about_z(turns)  # (36, 3, 3), one look
 
@@ -836,7 +837,7 @@ draw.angles(lean[1:].numpy() - 1, {"label here": steps.numpy()})
 
 # %% [markdown] tags=["solution"]
 # **Discussion.** The solution shows the camera always the same side. The library's
-# `keypoints.canonical_rotation` does so, too, with another side, and takes the nearest of the 36
+# `symmetry.canonical_rotation` does so, too, with another side, and takes the nearest of the 36
 # turns that a model file lists: between two of them it jumps by 10 degrees, which a network
 # smooths over. Other good choices: the least turn that brings the camera's z axis to the object's;
 # or the optical axis in the place of the line of sight.

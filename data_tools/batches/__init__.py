@@ -6,11 +6,13 @@
     for batch in batches.Batches(data.crops, rows, 64, seed=0, augment=batches.Augmentation()):
         ...
 
-`Stack` says what a batch holds, `Augmentation` what is varied and how.
+`Stack` says what a batch holds, `Augmentation` what is varied and how; `RandomCrops` cuts around
+objects.
 """
 
 from data_tools.batches.augmentation import Augmentation
-from data_tools.batches.epochs import Batches
+from data_tools.batches.random_crops import CropPool, RandomCrops
+from data_tools.batches.sequence import Batches
 from data_tools.batches.stacking import Stack, load
 
-__all__ = ["Augmentation", "Batches", "Stack", "load"]
+__all__ = ["Augmentation", "Batches", "CropPool", "RandomCrops", "Stack", "load"]

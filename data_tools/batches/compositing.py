@@ -13,10 +13,10 @@ import numpy as np
 
 from data_tools.batches.decoding import NONE, OUTSIDE
 
-__all__ = ["Layers", "put_behind", "put_in_front"]
+__all__ = ["Layers", "add_occluder", "put_behind"]
 
-PATTERNED = 0.3  # of the new backgrounds are patterns, the others come from other images
-CUT_OUT = 0.5  # of the occluders are what another image shows, if that is allowed
+PATTERN_PROBABILITY = 0.3  # of the new backgrounds are patterns, the others come from other images
+CUTOUT_PROBABILITY = 0.5  # of the occluders are what another image shows, if that is allowed
 
 
 @dataclass
@@ -52,7 +52,7 @@ def put_behind(
     if not free.any():
         return
     theirs = np.zeros_like(free)
-    if other is not None and rng.random() >= PATTERNED:
+    if other is not None and rng.random() >= PATTERN_PROBABILITY:
         theirs = free & (other.instance == NONE)
     for kind, colours in image.colours.items():
         new = _pattern(colours, rng)
@@ -69,7 +69,7 @@ def put_behind(
     image.instance[free] = NONE
 
 
-def put_in_front(
+def add_occluder(
     image: Layers,
     target: int,
     other: Layers | None,
@@ -97,7 +97,7 @@ def put_in_front(
     angle, far = rng.uniform(0, 2 * np.pi), rng.uniform(0.5, 1.1)
     place = middle + far * extent / 2 * [np.cos(angle), np.sin(angle)]
     shape = None if cut_out is None else other.instance == cut_out
-    if shape is not None and rng.random() < CUT_OUT and shape.any():
+    if shape is not None and rng.random() < CUTOUT_PROBABILITY and shape.any():
         shift = np.round(place - _frame(shape)[0]).astype(int)
     else:
         shape, shift = _blob(seen.shape, place, rng.uniform(0.2, 0.5) * extent.max(), rng), (0, 0)

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_tools.batches.files import PIECE
+from data_tools.batches.files import CHUNK_SIZE
 from data_tools.storage.records import Record
 from data_tools.views import Dataset, ObjectView, View
 from posecore.arrays import fail
 
-__all__ = ["NONE", "OUTSIDE", "make_piece"]
+__all__ = ["NONE", "OUTSIDE", "make_chunk"]
 
 NONE, OUTSIDE = 255, 254  # in an image of instances: no object; beyond the border, once it is cut
 
 
-def make_piece(dataset: Dataset, depth_step: float, number: int) -> tuple[Record, dict]:
-    """The table and the images of a piece."""
-    indices = range(len(dataset))[number * PIECE : (number + 1) * PIECE]
+def make_chunk(dataset: Dataset, depth_step: float, number: int) -> tuple[Record, dict]:
+    """The table and the images of a chunk."""
+    indices = range(len(dataset))[number * CHUNK_SIZE : (number + 1) * CHUNK_SIZE]
     views = [dataset[index] for index in indices]
     objects = [item for view in views for item in view.objects]
     masked = all(item.mask is not None for item in objects)

@@ -1,9 +1,9 @@
 """Images of a dataset in files that are mapped into memory, so that opening them reads nothing.
 
-A piece is PIECE views. Its file is a shard (`data_tools.storage.shards`) of two or more records:
-first the table of what is known of the views, then each kind of image as plain bytes, so that a
-NumPy array can look into the file. Table and index are checked when a piece is opened, images when
-they are first asked for.
+A chunk is CHUNK_SIZE views. Its file is a shard (`data_tools.storage.shards`) of two or more
+records: first the table of what is known of the views, then each kind of image as plain bytes, so
+that a NumPy array can look into the file. Table and index are checked when a chunk is opened,
+images when they are first asked for.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from data_tools.storage.records import Record, decode_record, encode_record, to_
 from data_tools.storage.shards import Place, pack_shard, read_bytes, read_index
 from posecore.files import write_bytes
 
-__all__ = ["PIECE", "Pieces"]
+__all__ = ["CHUNK_SIZE", "ImageChunks"]
 
-PIECE = 64  # views; what a kill costs is one piece
+CHUNK_SIZE = 64  # views; what a kill costs is one chunk
 Images = dict[str, np.ndarray]
 Make = Callable[[int], tuple[Record, Images]]
 
 
-class Pieces:
-    """The pieces of a dataset: what is not there, or damaged, is made when it is asked for.
+class ImageChunks:
+    """The chunks of a dataset: what is not there, or damaged, is made when it is asked for.
 
     Args:
         folder: where the folder of this dataset lies; None keeps all in memory.
-        recipe: everything that the pieces depend on, as JSON can hold it.
-        make: `make(number)` gives the table and the images of a piece.
+        recipe: everything that the chunks depend on, as JSON can hold it.
+        make: `make(number)` gives the table and the images of a chunk.
     """
 
     def __init__(self, folder: Path | None, recipe: dict, make: Make) -> None:
@@ -46,17 +46,17 @@ class Pieces:
         self._sums: dict[int, list[tuple[str, int]]] = {}  # of images that nobody asked for yet
 
     def path(self, number: int) -> Path:
-        """The file of a piece."""
+        """The file of a chunk."""
         return self.folder / f"{number:06d}.shard"
 
     def table(self, number: int) -> Record:
-        """What is known of the views of a piece."""
+        """What is known of the views of a chunk."""
         if number not in self._tables:
             self._open(number)
         return self._tables[number]
 
     def exists(self, number: int) -> bool:
-        """Whether a piece is at hand; its file may yet turn out to be damaged."""
+        """Whether a chunk is at hand; its file may yet turn out to be damaged."""
         return number in self._tables or (self.folder is not None and self.path(number).is_file())
 
     def kinds(self, number: int) -> dict[str, tuple[int, ...]]:
@@ -65,7 +65,7 @@ class Pieces:
         return {name: array.shape[1:] for name, array in self._images[number].items()}
 
     def images(self, number: int) -> Images:
-        """The images of a piece by their kind, views along the first axis; not to be changed."""
+        """The images of a chunk by their kind, views along the first axis; not to be changed."""
         self.table(number)
         for name, checksum in self._sums.pop(number, ()):
             if zlib.crc32(self._images[number][name].reshape(-1)) != checksum:
@@ -125,7 +125,7 @@ class Pieces:
             # Some systems refuse to replace a file that another process reads: then it is there.
             if not (path.is_file() and path.read_bytes() == data):
                 problem = f"{path}: cannot be written: {error.strerror}"
-                raise MakingError(f"{problem}; finished pieces are kept") from error
+                raise MakingError(f"{problem}; finished chunks are kept") from error
 
     def _discard(self, number: int, reason: str) -> None:
         self.path(number).unlink(missing_ok=True)

@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from data_tools.batches.augmentation import Augmentation, Draws
-from data_tools.batches.compositing import Layers, put_behind, put_in_front
+from data_tools.batches.compositing import Layers, add_occluder, put_behind
 from data_tools.batches.decoding import NONE, OUTSIDE
-from data_tools.batches.sensing import see, sense_depth
+from data_tools.batches.sensing import degrade_depth, see
 from data_tools.batches.table import Table
 from data_tools.batches.warps import resample, turned_crop
 from posecore.arrays import fail
@@ -75,7 +75,7 @@ def make_batch(
     if layers[0].depth is not None:
         metres = np.stack([layer.depth for layer in layers]) * np.float32(stack.depth_step)
         if draws is not None:
-            each(lambda i: sense_depth(metres[i], draws, i))
+            each(lambda i: degrade_depth(metres[i], draws, i))
         batch["depth"] = torch.from_numpy(metres)
     if "instance" in stack.kinds:
         instance = np.stack([layer.instance for layer in layers])
@@ -157,7 +157,7 @@ def _compose(
             # An object of the same kind in front would be one without a label.
             if cut_outs and kinds[partner] != kinds[target]:
                 cut_out = int(slots[partner])
-            put_in_front(result, int(slots[target]), other, cut_out, augment.keep, rng)
+            add_occluder(result, int(slots[target]), other, cut_out, augment.keep, rng)
         return result
 
     return each(compose)

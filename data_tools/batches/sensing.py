@@ -9,10 +9,10 @@ import numpy as np
 
 from data_tools.batches.augmentation import Draws
 
-__all__ = ["see", "sense_depth", "tone_table"]
+__all__ = ["degrade_depth", "see", "tone_table"]
 
-GREY = np.array([0.299, 0.587, 0.114])  # Rec. ITU-R BT.601
-STOCK = 1 << 20
+LUMA_WEIGHTS = np.array([0.299, 0.587, 0.114])  # Rec. ITU-R BT.601
+NOISE_SAMPLES = 1 << 20
 SHARP = 0.25  # pixels; less blur than this cannot be seen
 
 
@@ -31,7 +31,7 @@ def see(image: np.ndarray, draws: Draws | None, index: int, out: np.ndarray) -> 
     channels = image.shape[2]
     if channels == 3 and draws.saturation[index] != 1:
         keep = draws.saturation[index]
-        image = cv2.transform(image, keep * np.eye(3) + (1 - keep) * GREY[None])
+        image = cv2.transform(image, keep * np.eye(3) + (1 - keep) * LUMA_WEIGHTS[None])
     if draws.blur[index] > SHARP:
         image = cv2.GaussianBlur(image, (0, 0), draws.blur[index])
     table = tone_table(draws, index, channels)
@@ -51,7 +51,7 @@ def tone_table(draws: Draws, index: int, channels: int) -> np.ndarray:
     return np.clip(tone, 0, 1).astype(np.float32)
 
 
-def sense_depth(metres: np.ndarray, draws: Draws, index: int) -> None:
+def degrade_depth(metres: np.ndarray, draws: Draws, index: int) -> None:
     """Noise on depth, and holes in it, in place.
 
     Args:
@@ -73,12 +73,12 @@ def sense_depth(metres: np.ndarray, draws: Draws, index: int) -> None:
 
 def _noise(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
     """Normal numbers out of a stock, since to draw them takes longer than all else together."""
-    count, start = int(np.prod(shape)), int(rng.integers(STOCK))
-    if start + count > STOCK:
+    count, start = int(np.prod(shape)), int(rng.integers(NOISE_SAMPLES))
+    if start + count > NOISE_SAMPLES:
         return np.resize(_stock(), start + count)[start:].reshape(shape)
     return _stock()[start : start + count].reshape(shape)
 
 
 @functools.cache
 def _stock() -> np.ndarray:
-    return np.random.default_rng(0).standard_normal(STOCK, dtype=np.float32)
+    return np.random.default_rng(0).standard_normal(NOISE_SAMPLES, dtype=np.float32)

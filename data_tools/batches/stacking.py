@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from data_tools.batches.augmentation import Augmentation
-from data_tools.batches.decoding import make_piece
-from data_tools.batches.files import PIECE, Pieces
+from data_tools.batches.decoding import make_chunk
+from data_tools.batches.files import CHUNK_SIZE, ImageChunks
 from data_tools.batches.identity import identify
 from data_tools.batches.indices import to_indices
 from data_tools.batches.memory import require_bytes, require_room
@@ -26,7 +26,7 @@ from posecore.scale import cache_folder
 __all__ = ["Stack", "load"]
 
 Batch = dict[str, Tensor]
-OF_OBJECTS = {"image", "row", "object_id", "category", "R", "t", "size", "box", "visible_fraction"}
+OBJECT_KEYS = {"row", "object_id", "category", "R", "t", "size", "box", "visible_fraction"}
 
 
 def load(
@@ -62,13 +62,18 @@ def load(
     depth_step = require_number("depth_step", depth_step, above=0)
     name, recipe = identify(dataset)
     place = None if name is None else root / f"{name}-stack"
-    recipe = {"source": recipe, "depth_step": depth_step, "piece": PIECE, "count": len(dataset)}
-    pieces = Pieces(place, recipe, partial(make_piece, dataset, depth_step))
-    if place is None:  # all of it stays in memory: as much for each piece as for the first one
-        first = sum(images.nbytes for images in pieces.images(0).values())
-        needed = first * len(dataset) / min(PIECE, len(dataset))
+    recipe = {
+        "source": recipe,
+        "depth_step": depth_step,
+        "piece": CHUNK_SIZE,
+        "count": len(dataset),
+    }
+    chunks = ImageChunks(place, recipe, partial(make_chunk, dataset, depth_step))
+    if place is None:  # all of it stays in memory: as much for each chunk as for the first one
+        first = sum(images.nbytes for images in chunks.images(0).values())
+        needed = first * len(dataset) / min(CHUNK_SIZE, len(dataset))
         require_bytes("dataset", "images that fit into", f"{len(dataset)} images", needed)
-    return Stack(pieces, len(dataset), depth_step, progress)
+    return Stack(chunks, len(dataset), depth_step, progress)
 
 
 class Stack(Table):
@@ -99,21 +104,21 @@ class Stack(Table):
             generator: of the variations.
 
         Returns:
-            For each of B images, h x w pixels:
+            Of B images, h x w pixels:
 
             - "rgb" (B, 3, h, w), "ir" (B, 1, h, w) float32, 0 to 1, in channels_last memory;
             - "depth" (B, h, w) float32 metres, 0 for none;
             - "coordinates" (B, h, w, 3) float32 metres in the frame of the object that is seen;
-            - "instance" (B, h, w) int64, the row below of the object that is seen, or -1;
+            - "instance" (B, h, w) int64, which of the M objects below is seen, or -1;
             - "K" (B, 3, 3) and "T_world_cam" (B, 4, 4) float32; "view" and "group" (B,) int64.
 
-            For each of the M objects in them:
+            Of the objects in each of them, as many as the fullest view of the data has; all is -1
+            where there are fewer:
 
-            - "image" (M,) int64 in which image it is, counted without the dimension of groups;
-            - "R" (M, 3, 3), "t" (M, 3), "size" (M, 3) float32, as in the Stack; "row" in it;
-            - "object_id", "category" (M,) int64;
-            - "box" (M, 4) float32 x, y, width, height of what is seen, 0 for nothing;
-            - "visible_fraction" (M,) float32 share of the silhouette that is seen; what lies
+            - "object_id", "category", "row" (B, M) int64, the last in the table of the Stack;
+            - "R" (B, M, 3, 3), "t" (B, M, 3), "size" (B, M, 3) float32;
+            - "box" (B, M, 4) float32 x, y, width, height of what is seen, 0 for nothing;
+            - "visible_fraction" (B, M) float32 share of the silhouette that is seen; what lies
               outside the image counts as unseen.
 
             What the data do not have is not there.
@@ -137,9 +142,23 @@ class Stack(Table):
         image = torch.repeat_interleave(torch.arange(len(flat)), last - first)
         rows = torch.cat([torch.arange(a, b) for a, b in zip(first, last, strict=True)])
         batch = make_batch(self, flat, windows, size, rows, image, False, augment, generator)
+        batch = self._by_image(batch, len(flat))
         if views.ndim > 1:
-            for name in batch.keys() - OF_OBJECTS:
-                batch[name] = batch[name].unflatten(0, views.shape)
+            batch = {name: values.unflatten(0, views.shape) for name, values in batch.items()}
+        return batch
+
+    def _by_image(self, batch: Batch, count: int) -> Batch:
+        """One table of all objects, (N, ...), as one for each image, (B, M, ...)."""
+        image = batch.pop("image")
+        slot = self.slot[batch["row"]]
+        for name in OBJECT_KEYS & batch.keys():
+            values = batch[name]
+            dense = values.new_full((count, self.most_objects, *values.shape[1:]), -1)
+            dense[image, slot] = values
+            batch[name] = dense
+        if "instance" in batch:
+            # Row -1 of a table that has a last row more is what is no object.
+            batch["instance"] = torch.cat([slot, slot.new_tensor([-1])])[batch["instance"]]
         return batch
 
     def crops(
@@ -163,8 +182,8 @@ class Stack(Table):
             augment, generator: as for `frames`.
 
         Returns:
-            As `frames`, with one object for each image, M = B; in place of "instance" and "image"
-            there is "mask" (B, h, w) bool, the pixels in which the object is seen.
+            As `frames`, but of one object in each image, (B, ...) without M; in place of "instance"
+            there is "mask" (B, h, w) bool, the pixels in which it is seen.
 
         Raises:
             ValueError: naming the argument that does not fit this description, or a batch that does

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from tqdm.auto import tqdm
 
-from data_tools.batches.files import PIECE, Pieces
+from data_tools.batches.files import CHUNK_SIZE, ImageChunks
 from data_tools.batches.indices import to_integers
 from posecore.arrays import fail, require_choice, require_number
 
@@ -24,10 +24,10 @@ class Table:
     What is not known of every view, or of every object, is None.
 
     Args:
-        pieces: of the dataset.
+        chunks: of the dataset.
         count: V.
         depth_step: metres.
-        progress: whether to show a bar while pieces are made.
+        progress: whether to show a bar while chunks are made.
 
     Attributes:
         size: (width, height) of the images in pixels.
@@ -39,6 +39,7 @@ class Table:
         group: (V,) int64; views of one instant have the same number, from 0 on.
         categories: names; None where objects have no category.
         view, slot: (N,) int64 the view in which an object is, ascending, and its place in it.
+        most_objects: in a view.
         object_id: (N,) int64.
         category: (N,) int64 index into `categories`.
         R, t: (N, 3, 3) and (N, 3) float64 poses, metres.
@@ -47,20 +48,20 @@ class Table:
         visible_fraction, full_pixels: (N,) float64, the latter of the whole silhouette.
 
     Raises:
-        ValueError: naming the first view of a piece whose images differ from those of view 0.
+        ValueError: naming the first view of a chunk whose images differ from those of view 0.
     """
 
-    def __init__(self, pieces: Pieces, count: int, depth_step: float, progress: bool) -> None:
-        self._pieces, self._count, self.depth_step = pieces, count, depth_step
-        numbers = range(-(-count // PIECE))
-        quiet = not progress or all(pieces.exists(number) for number in numbers)
-        bar = tqdm(numbers, desc="stack", unit="piece", disable=quiet)
-        tables = [pieces.table(number) for number in bar]
-        shapes = [pieces.kinds(number) for number in numbers]
+    def __init__(self, chunks: ImageChunks, count: int, depth_step: float, progress: bool) -> None:
+        self._chunks, self._count, self.depth_step = chunks, count, depth_step
+        numbers = range(-(-count // CHUNK_SIZE))
+        quiet = not progress or all(chunks.exists(number) for number in numbers)
+        bar = tqdm(numbers, desc="stack", unit="chunk", disable=quiet)
+        tables = [chunks.table(number) for number in bar]
+        shapes = [chunks.kinds(number) for number in numbers]
         for number, shape in enumerate(shapes):
             differ = {name for name, _ in shape.items() ^ shapes[0].items()}
             if not differ <= LABELS or differ & shape.keys() & shapes[0].keys():
-                fail(f"view {number * PIECE}", f"images as in view 0, {shapes[0]}", shape)
+                fail(f"view {number * CHUNK_SIZE}", f"images as in view 0, {shapes[0]}", shape)
         self.kinds: tuple[str, ...] = tuple(k for k in shapes[0] if all(k in s for s in shapes))
         self.size: tuple[int, int] = next(iter(shapes[0].values()))[1::-1]
 
@@ -77,6 +78,7 @@ class Table:
         counts = stack("counts")
         self.view = torch.repeat_interleave(torch.arange(count), counts)
         self.slot = torch.arange(len(self.view)) - (counts.cumsum(0) - counts)[self.view]
+        self.most_objects = int(counts.max())
         self.object_id, self.R, self.t = stack("object_id"), stack("R"), stack("t")
         self.box, self.object_size = stack("box"), stack("size")
         self.visible_fraction, self.full_pixels = stack("visible_fraction"), stack("full_pixels")
@@ -147,10 +149,10 @@ class Table:
 
     def check(self, views: Tensor) -> None:
         """Make sure of the images of views, before several threads look at them at once."""
-        for number in (views // PIECE).unique().tolist():
-            self._pieces.images(number)
+        for number in (views // CHUNK_SIZE).unique().tolist():
+            self._chunks.images(number)
 
     def image(self, kind: str, view: int) -> np.ndarray:
         """One image as it is kept, which is not to be changed: see `data_tools.batches.files`."""
-        number, row = divmod(int(view), PIECE)
-        return self._pieces.images(number)[kind][row]
+        number, row = divmod(int(view), CHUNK_SIZE)
+        return self._chunks.images(number)[kind][row]

@@ -14,7 +14,7 @@ import torch
 from posecore.arrays import Array, array_function, fail, require_integer, somewhere
 from posecore.cameras import crop_and_resize_intrinsics, require_intrinsics
 
-__all__ = ["require_size", "resample", "turned_crop", "widened"]
+__all__ = ["reduced_image", "require_size", "resample", "turned_crop", "widened"]
 
 MOST_SAMPLES = 16  # each way in a pixel; a box may be far larger than the image it lies in
 
@@ -108,6 +108,25 @@ def resample(
         borderMode=cv2.BORDER_REPLICATE,
     )
     return fine if k == 1 else cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+
+
+def reduced_image(
+    image: np.ndarray, K: np.ndarray, size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """An image in the pixels of a smaller one, as `Stack.frames` reduces it, and its camera.
+
+    Args:
+        image: (H, W, C) float32, 0 to 1.
+        K: (3, 3) camera matrix.
+        size: (width, height) of the result.
+
+    Returns:
+        (height, width, C) float32, and (3, 3).
+    """
+    height, width = image.shape[:2]
+    to_new, K, _ = turned_crop(K, np.array([0.0, 0.0, width, height]), 0.0, size)
+    levels = np.round(image * 255).astype(np.uint8)
+    return resample(levels, to_new, size).astype(np.float32) / 255, K
 
 
 def require_size(name: str, size: object) -> tuple[int, int]:

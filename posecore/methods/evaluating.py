@@ -20,6 +20,7 @@ from posecore.methods.outputs import check_outputs, say_beside
 from posecore.methods.truth import Truth, kind_of, read_truth
 from posecore.metrics import evaluation, report
 from posecore.metrics.pose_table import PoseTable
+from posecore.models import ObjectModel
 
 __all__ = ["add_evaluate", "evaluate"]
 
@@ -110,7 +111,7 @@ def _check_outputs(options: argparse.Namespace) -> None:
         fail("--curve", "a file that ends in " + ", ".join(CURVE_ENDINGS), options.curve)
 
 
-def _to_object_models(models: ModelSet, wanted: set[int]) -> dict[int, evaluation.ObjectModel]:
+def _to_object_models(models: ModelSet, wanted: set[int]) -> dict[int, ObjectModel]:
     """The models of the wanted objects that have a mesh."""
     result = {}
     for object_id in sorted(wanted & set(models.ids)):
@@ -127,9 +128,10 @@ def _to_object_models(models: ModelSet, wanted: set[int]) -> dict[int, evaluatio
                 f"{info.diameter:.4g} m: both should be in millimetres on disk"
             )
         symmetries = info.symmetries()
-        result[object_id] = evaluation.ObjectModel(
-            points=points,
-            diameter=info.diameter,
+        result[object_id] = ObjectModel(
+            object_id,
+            points,
+            info.diameter,
             centre=info.minimum + info.size / 2,
             size=info.size,
             symmetries=symmetries if len(symmetries) > 1 else None,
@@ -140,7 +142,7 @@ def _to_object_models(models: ModelSet, wanted: set[int]) -> dict[int, evaluatio
 def _explain(
     estimates: PoseTable,
     truth: Truth,
-    models: dict[int, evaluation.ObjectModel],
+    models: dict[int, ObjectModel],
     errors: dict[int, evaluation.ObjectErrors],
 ) -> None:
     """Say what was left out, and what looks odd."""

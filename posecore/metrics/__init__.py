@@ -3,12 +3,7 @@
 from posecore.metrics.boxes import box_corners, nocs_legacy_iou, oriented_iou_3d
 from posecore.metrics.detection import average_precision, match_by_error, match_by_overlap
 from posecore.metrics.model_errors import add, add_s, mspd, mssd, projection_2d
-from posecore.metrics.pose_errors import (
-    axis_error,
-    closest_symmetry,
-    rotation_error,
-    translation_error,
-)
+from posecore.metrics.pose_errors import axis_error, rotation_error, translation_error
 from posecore.metrics.pose_table import PoseTable
 from posecore.metrics.summaries import (
     accuracy,
@@ -21,6 +16,7 @@ from posecore.metrics.summaries import (
     root_mean_squared_error,
     within,
 )
+from posecore.symmetry import closest_symmetry
 
 __all__ = [
     "PoseTable",

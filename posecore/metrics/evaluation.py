@@ -16,12 +16,13 @@ from posecore.arrays import fail
 from posecore.metrics import boxes, detection, model_errors, pose_errors, summaries
 from posecore.metrics.matching import groups, in_images, match, rows_by_key
 from posecore.metrics.pose_table import PoseTable
+from posecore.models import ObjectModel
+from posecore.symmetry import closest_symmetry
 
 __all__ = [
     "HEAD_ANGLES",
     "IOU_THRESHOLDS",
     "ObjectErrors",
-    "ObjectModel",
     "evaluate",
     "in_images",
     "match",
@@ -30,24 +31,6 @@ __all__ = [
 HEAD_ANGLES = ("yaw", "pitch", "roll")  # intrinsic YXZ, the book's convention for single angles
 IOU_THRESHOLDS = (0.25, 0.5, 0.75)
 BOP_ERRORS = ("mssd", "mspd")
-
-
-@dataclass(frozen=True, eq=False)
-class ObjectModel:
-    """What has to be known of an object to measure poses on it; all lengths in metres.
-
-    Attributes:
-        points: (N, 3) model points.
-        diameter: the largest distance between two points of the model.
-        centre, size: (3,) the middle and the edges of the box around the model, in its frame.
-        symmetries: (S, 4, 4) transforms that leave the object as it is, identity included, or None.
-    """
-
-    points: np.ndarray
-    diameter: float
-    centre: np.ndarray
-    size: np.ndarray
-    symmetries: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,7 +234,7 @@ def _at_closest_symmetry(est: PoseTable, gt: PoseTable, model: ObjectModel | Non
     """The true poses, each after the symmetry that brings it nearest to its estimate."""
     if model is None or model.symmetries is None:
         return gt
-    R, t = pose_errors.closest_symmetry(est.R, gt.R, gt.t, model.symmetries)
+    R, t = closest_symmetry(est.R, gt.R, gt.t, model.symmetries)
     return replace(gt, R=R, t=t)
 
 

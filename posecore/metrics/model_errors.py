@@ -37,8 +37,8 @@ __all__ = ["add", "add_s", "mspd", "mssd", "projection_2d", "threads_for_searche
 
 POSES = {"R_est": "... 3 3", "t_est": "... 3", "R_gt": "... 3 3", "t_gt": "... 3"}
 MOVED = "R_est, t_est, R_gt, t_gt and points"
-MEMORY = 1_000_000  # points posed at once: some 25 MB each time, which is used again and again
-SORTED = 20_000  # points from which a search in the order of their places is faster
+MAX_POINTS = 1_000_000  # points posed at once: some 25 MB each time, which is used again and again
+SORT_FROM = 20_000  # points from which a search in the order of their places is faster
 INTERLEAVED = np.array([sum((i >> b & 1) << 3 * b for b in range(5)) for i in range(32)], np.uint16)
 SEARCHERS: ContextVar[int | None] = ContextVar("SEARCHERS", default=None)
 
@@ -129,7 +129,7 @@ def add_s(
             (to_R, 2),
             (to_t, 1),
             (points, 2),
-            per_row=MEMORY,  # one row at a time: every row has a cloud of its own
+            per_row=MAX_POINTS,  # one row at a time: every row has a cloud of its own
         )
     # A rigid motion keeps distances: seen from the frame of the second pose, all rows search in
     # one and the same cloud, the model. Its points are taken in the order of the tree's leaves,
@@ -164,7 +164,7 @@ def _nearest_distance(queries: Tensor, cloud: Tensor, tree: cKDTree) -> Tensor:
     flat = queries.detach().reshape(-1, 3).cpu().numpy()
     # As many threads as PyTorch may have: who gives it one core means that core.
     workers = SEARCHERS.get() or torch.get_num_threads()
-    if len(flat) < SORTED:
+    if len(flat) < SORT_FROM:
         _, index = tree.query(flat, workers=workers)
     else:
         order = _order_in_space(flat)
@@ -355,7 +355,7 @@ def _over_rows(
     rows = math.prod(batch)
     if rows == 0:
         return arguments[0][0].new_zeros(batch)
-    step = max(1, MEMORY // per_row)
+    step = max(1, MAX_POINTS // per_row)
     flat = [  # what all rows share stays one row, so that nothing is copied
         x.reshape(1, *x.shape[len(head) :])
         if math.prod(head) == 1

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from posecore import poses
 from posecore.arrays import fail
-from posecore.metrics.pose_errors import require_symmetries
+from posecore.symmetry import require_symmetries
 
 __all__ = ["at_best_motion", "best_for_pixels", "best_for_points"]
 

@@ -10,20 +10,13 @@ homogeneous matrices (S, 4, 4) that include the identity; the error is then that
 from __future__ import annotations
 
 import torch
-from torch import Tensor
 
-from posecore import poses
-from posecore.arrays import Array, array_function, fail, require_finite, somewhere
+from posecore.arrays import Array, array_function, fail, somewhere
 from posecore.rotations import require_rotation
 from posecore.rotations.so3 import relative_angle
+from posecore.symmetry import closest_symmetry
 
-__all__ = [
-    "axis_error",
-    "closest_symmetry",
-    "require_symmetries",
-    "rotation_error",
-    "translation_error",
-]
+__all__ = ["axis_error", "rotation_error", "translation_error"]
 
 
 @array_function(R_est="... 3 3", R_gt="... 3 3", symmetries="S 4 4")
@@ -78,35 +71,3 @@ def axis_error(R_est: Array, R_gt: Array, axis: Array) -> Array:
 def translation_error(t_est: Array, t_gt: Array) -> Array:
     """The distance |t_est - t_gt| (...) of two translations (..., 3), in their unit."""
     return (t_est - t_gt).norm(dim=-1)
-
-
-@array_function(R_est="... 3 3", R_gt="... 3 3", t_gt="... 3", symmetries="S 4 4")
-def closest_symmetry(
-    R_est: Array, R_gt: Array, t_gt: Array, symmetries: Array
-) -> tuple[Array, Array]:
-    """Of all poses that look like the ground truth, the one whose rotation is nearest to `R_est`.
-
-    What is measured against it, an angle, a translation, a box, respects the symmetry. Nearest is
-    meant in the Frobenius norm, which for rotations has the order of the angles.
-
-    Args:
-        R_est: (..., 3, 3) estimated rotation.
-        R_gt, t_gt: (..., 3, 3) and (..., 3) true pose.
-        symmetries: (S, 4, 4) in the unit of `t_gt`.
-
-    Returns:
-        `R` (..., 3, 3) and `t` (..., 3), the true pose after the best symmetry.
-    """
-    require_symmetries(symmetries)
-    nearness = (R_gt.mT @ R_est).flatten(-2) @ symmetries[:, :3, :3].flatten(-2).T  # (..., S)
-    # The largest of what is no number would be any of them.
-    require_finite("R_est and R_gt", nearness, "matrices whose products are finite")
-    best = symmetries[nearness.argmax(-1, keepdim=True)][..., 0, :, :]
-    return poses.compose(R_gt, t_gt, best[..., :3, :3], best[..., :3, 3])
-
-
-def require_symmetries(symmetries: Tensor) -> None:
-    """Refuse what are not rigid transforms (S, 4, 4)."""
-    if somewhere(symmetries[:, 3] != symmetries.new_tensor([0, 0, 0, 1])):
-        fail("symmetries", "matrices with a last row 0 0 0 1", "others")
-    require_rotation("symmetries", symmetries[:, :3, :3])

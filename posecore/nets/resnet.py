@@ -96,8 +96,8 @@ class ResNet(nn.Module):
         stride: image pixels from one pixel of the last map to the next: 8, 16 or 32.
         blocks: how many of each stage.
         in_channels: of the images.
-        most: stages that would have more channels have so many; None for no limit. A net that is to
-            be small keeps its first channels, which are cheap and see the details.
+        max_channels: stages that would have more channels have so many; None for no limit. A net
+            that is to be small keeps its first channels, which are cheap and see the details.
 
     Raises:
         ValueError: if an argument is out of range.
@@ -109,7 +109,7 @@ class ResNet(nn.Module):
         stride: int = 8,
         blocks: Sequence[int] = (2, 2, 2, 2),
         in_channels: int = 3,
-        most: int | None = None,
+        max_channels: int | None = None,
     ) -> None:
         super().__init__()
         width = require_integer("width", width, 1)
@@ -119,9 +119,9 @@ class ResNet(nn.Module):
         counts = [require_integer(f"blocks[{i}]", count, 1) for i, count in enumerate(blocks)]
         in_channels = require_integer("in_channels", in_channels, 1)
         self.channels = (width, width, 2 * width, 4 * width, 8 * width)
-        if most is not None:
-            require_integer("most", most, width)
-            self.channels = tuple(min(channels, most) for channels in self.channels)
+        if max_channels is not None:
+            require_integer("max_channels", max_channels, width)
+            self.channels = tuple(min(channels, max_channels) for channels in self.channels)
 
         self.conv1 = nn.Conv2d(in_channels, width, 7, 2, 3, bias=False)
         self.bn1 = nn.BatchNorm2d(width)

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from posecore.arrays import fail
-from posecore.training.randomness import generator_at
+from posecore.randomness import generator_at
 
 __all__ = ["Feed"]
 

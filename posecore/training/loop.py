@@ -16,6 +16,7 @@ from torch.nn.utils import clip_grads_with_norm_, get_total_norm
 
 from posecore.arrays import fail, require_choice, require_integer, require_number
 from posecore.figures.live import Display
+from posecore.randomness import reseed, seeded
 from posecore.scale import retrain
 from posecore.training.checkpoints import Checkpoints
 from posecore.training.feed import Feed
@@ -28,7 +29,6 @@ from posecore.training.machine import (
     uses_bfloat16,
 )
 from posecore.training.origins import Part, origins
-from posecore.training.randomness import reseed, seeded
 
 __all__ = ["SCHEDULES", "fit"]
 

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from posecore import metrics
 from posecore.metrics import PoseTable, evaluation
+from posecore.models import ObjectModel
 
 OBJECTS, POSES, IMAGES, TURNING, MOTIONS = 30, 6721, 1000, 12, 315
 K = np.array([[1075.0, 0, 360], [0, 1074, 270], [0, 0, 1]])
@@ -24,7 +25,9 @@ def model(rng, turning, points=3000):
     T = np.tile(np.eye(4), (MOTIONS, 1, 1))
     angles = 2 * np.pi / MOTIONS * np.arange(MOTIONS)
     T[:, :3, :3] = Rotation.from_euler("z", angles[:, None]).as_matrix()
-    return evaluation.ObjectModel(x, 0.122, np.zeros(3), np.ptp(x, 0), T if turning else None)
+    return ObjectModel(
+        1, x, 0.122, symmetries=T if turning else None, centre=np.zeros(3), size=np.ptp(x, 0)
+    )
 
 
 @pytest.fixture(scope="module")

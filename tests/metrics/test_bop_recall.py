@@ -13,6 +13,7 @@ from data_tools.bop import write_results
 from posecore.methods.main import main
 from posecore.metrics import PoseTable, evaluation
 from posecore.metrics.report import summarise
+from posecore.models import ObjectModel
 from tests.metrics.bop_loop import average_recall
 
 K = np.array([[570.0, 0, 320], [0, 575, 240], [0, 0, 1]])
@@ -28,9 +29,12 @@ def turn(angle):
 
 BOX = np.array(list(itertools.product((-0.03, 0.03), (-0.04, 0.04), (-0.05, 0.05))))
 MODELS = {
-    7: evaluation.ObjectModel(BOX, 0.1414, np.zeros(3), np.ptp(BOX, 0)),
-    8: evaluation.ObjectModel(
-        BOX, 0.1414, np.zeros(3), np.ptp(BOX, 0), np.stack([np.eye(4), turn(np.pi)])
+    7: ObjectModel(7, BOX, 0.1414, centre=np.zeros(3), size=np.ptp(BOX, 0)),
+    8: ObjectModel(
+        *(8, BOX, 0.1414),
+        symmetries=np.stack([np.eye(4), turn(np.pi)]),
+        centre=np.zeros(3),
+        size=np.ptp(BOX, 0),
     ),
 }
 

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from posecore import metrics
 from posecore.metrics import PoseTable, evaluation, report
+from posecore.models import ObjectModel
 
 K = np.array([[570.0, 0, 320], [0, 575, 240], [0, 0, 1]])
 HALF_TURN = np.diag([-1.0, -1, 1, 1])
@@ -38,7 +39,9 @@ def model(symmetric=False):
     points = np.array(list(itertools.product((-0.05, 0.05), repeat=3)))
     symmetries = np.stack([np.eye(4), HALF_TURN]) if symmetric else None
     size = np.full(3, 0.1)
-    return evaluation.ObjectModel(points, 0.1 * np.sqrt(3), np.zeros(3), size, symmetries)
+    return ObjectModel(
+        1, points, 0.1 * np.sqrt(3), symmetries=symmetries, centre=np.zeros(3), size=size
+    )
 
 
 TRUTH = table([(1, 1, 7, 1, 0.0, 0.0), (1, 2, 7, 1, 0.0, 30.0), (1, 2, 8, 1, 0.3, 0.0)])
@@ -168,7 +171,9 @@ def test_what_looks_right_is_right(seed):
     corners = np.array(list(itertools.product((0, 0.1), (0, 0.06), (-0.02, 0.02))))
     symmetries = np.stack([np.eye(4), half_turn])
     size = np.array([0.1, 0.06, 0.04])
-    box = evaluation.ObjectModel(corners, 0.12, size * (0.5, 0.5, 0), size, symmetries)
+    box = ObjectModel(
+        1, corners, 0.12, symmetries=symmetries, centre=size * (0.5, 0.5, 0), size=size
+    )
     ids, ones = np.arange(4), np.ones(4)
     truth = PoseTable(ids, ids, ones.astype(int), R, t, ones, ones)
     flipped = rng.random(4) < 0.5

@@ -175,7 +175,7 @@ def test_batches_broadcast_and_pieces_do_not_matter(monkeypatch):
         assert row == pytest.approx(shared[2, 1], rel=1e-12)
         assert function(R_1[:0], t_1[:0], R_2[:0], t_2[:0], points).shape == (0, 4)
         with monkeypatch.context() as patch:
-            patch.setattr(model_errors, "MEMORY", 50)
+            patch.setattr(model_errors, "MAX_POINTS", 50)
             np.testing.assert_allclose(function(R_1, t_1, R_2, t_2, points), whole, rtol=1e-12)
 
 
@@ -188,7 +188,7 @@ def test_the_order_of_searches_changes_no_distance(monkeypatch, dtype, count):
     for arguments in (case, [*case[:4], flat], [*case[:4], 0 * flat], far):
         plain = metrics.add_s(*arguments)
         with monkeypatch.context() as patch:
-            patch.setattr(model_errors, "SORTED", 1)
+            patch.setattr(model_errors, "SORT_FROM", 1)
             np.testing.assert_array_equal(metrics.add_s(*arguments), plain)
 
 

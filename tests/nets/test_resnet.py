@@ -159,9 +159,9 @@ def test_a_block_is_its_input_and_something_added(stride, dilations) -> None:
     assert torch.equal(x, before), "the maps that came in were written over"
 
 
-@pytest.mark.parametrize(("most", "channels"), [(8, [8] * 5), (20, [8, 8, 16, 20, 20])])
-def test_later_stages_have_no_more_channels_than_asked(most, channels) -> None:
-    net = ResNet(8, most=most)
+@pytest.mark.parametrize(("max_channels", "channels"), [(8, [8] * 5), (20, [8, 8, 16, 20, 20])])
+def test_later_stages_have_no_more_channels_than_asked(max_channels, channels) -> None:
+    net = ResNet(8, max_channels=max_channels)
     assert list(net.channels) == channels
     assert [part.shape[1] for part in net(torch.rand(2, 3, 32, 32))] == channels
     assert sum(x.numel() for x in net.parameters()) < sum(x.numel() for x in ResNet(8).parameters())
@@ -344,8 +344,8 @@ def half_trained() -> nn.Module:
         (lambda: ResNet(8, 64), "stride"),
         (lambda: ResNet(8, "8"), "stride"),
         (lambda: ResNet(8, None), "stride"),
-        (lambda: ResNet(8, most=7), "most"),
-        (lambda: ResNet(8, most=20.5), "most"),
+        (lambda: ResNet(8, max_channels=7), "max_channels"),
+        (lambda: ResNet(8, max_channels=20.5), "max_channels"),
         (lambda: ResNet(8, blocks=(2, 2, 2)), "blocks"),
         (lambda: ResNet(8, blocks=2), "blocks"),
         (lambda: ResNet(8, blocks=(2, 2, 2, 2, 2)), "blocks"),

@@ -12,7 +12,7 @@ from book.ch08_vector_fields.drawing import fields as fields_of
 from book.ch08_vector_fields.drawing import voting as rays
 from posecore.figures import Picture, draw_axes, draw_box, draw_outline
 from posecore.figures.style import COLOURS, HALO, INK, new_picture
-from posecore.methods.vector_field.models import ObjectModel
+from posecore.models import ObjectModel
 
 __all__ = ["clouds", "learnt", "pose", "residuals", "seen", "shares", "windows"]
 

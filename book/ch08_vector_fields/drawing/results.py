@@ -12,7 +12,7 @@ from book.ch08_vector_fields.drawing.voting import draw_ellipse
 from posecore import cameras, poses
 from posecore.figures import Picture, draw_box, draw_outline
 from posecore.figures.style import COLOURS, HALO, INK, MARKERS, STYLES, new_picture
-from posecore.methods.vector_field.models import ObjectModel
+from posecore.models import ObjectModel
 
 __all__ = ["by_visibility", "gallery", "mended", "noise", "real", "seeds", "speed", "thresholds"]
 

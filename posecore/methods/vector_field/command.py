@@ -30,16 +30,18 @@ def add_train(methods: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
         "--refiner-steps", type=int, help="default: by the scale; 0 for no refiner"
     )
     command.add_argument("--batch", type=int, help="windows in a step; default: by the scale")
-    command.add_argument("--projection", choices=PROJECTIONS, default="pixel", help="loss of Eq 1")
-    command.add_argument("--weight", default="dynamic", help="of that loss: dynamic, or a number")
+    command.add_argument("--projection", choices=PROJECTIONS, help="loss of Eq 1; default: pixel")
     command.add_argument(
-        "--begin",
+        "--weight", help="of that loss: dynamic, or a number; default: by the scale"
+    )
+    command.add_argument(
+        "--warmup",
         metavar="FRACTION",
         type=float,
         help="of the training, before that loss comes in; default: by the scale",
     )
     command.add_argument(
-        "--forward-only",
+        "--ignore-reversed",
         action=argparse.BooleanOptionalAction,
         help="leave vectors that point away out of that loss; default: by the scale",
     )

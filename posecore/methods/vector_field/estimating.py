@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from dataclasses import replace
 
+import numpy as np
 import torch
+from torch import Tensor
 
+from data_tools.batches.warps import reduced_image
 from posecore.arrays import fail
 from posecore.methods import estimating
+from posecore.methods.vector_field.recipe import RECIPES, reduced
 from posecore.methods.vector_field.runs import VectorFieldRun, read_run
-from posecore.methods.vector_field.systems import SYSTEMS, VectorFieldSystem
+from posecore.methods.vector_field.systems import SYSTEMS, Estimate, VectorFieldSystem
 
-__all__ = ["estimate"]
-
-THRESHOLD = 0.8  # of the overlap above which OPEPL-DR refines
+__all__ = ["ReducedImages", "estimate"]
 
 
 def estimate(options: argparse.Namespace) -> None:
@@ -30,17 +34,43 @@ def estimate(options: argparse.Namespace) -> None:
     estimating.estimate(options, read_run, _system)
 
 
+class ReducedImages:
+    """A system that is given images of the width that its network was trained on.
+
+    Args:
+        system: gives the poses.
+        width: in pixels, to which wider images are reduced; None leaves them as they are.
+    """
+
+    def __init__(self, system: VectorFieldSystem, width: int | None) -> None:
+        self.system, self.width = system, width
+
+    def estimate(self, images: Tensor, K: np.ndarray) -> Sequence[Estimate]:
+        """The poses in `images` (1, 3, H, W) RGB float32, 0 to 1, of the camera `K` (3, 3).
+
+        Keypoints and covariances are in pixels of the reduced image.
+        """
+        height, width = images.shape[2:]
+        size = reduced((width, height), self.width)
+        if size != (width, height):
+            image, K = reduced_image(images[0].permute(1, 2, 0).numpy(), K, size)
+            images = torch.from_numpy(image).permute(2, 0, 1)[None]
+        return self.system.estimate(images, K)
+
+
 def _system(
     run: VectorFieldRun, options: argparse.Namespace, device: torch.device
-) -> VectorFieldSystem:
+) -> ReducedImages:
     net, refiner = run.new_net(), None
     run.load_weights("net", net)
     if SYSTEMS[options.system] != "never":
         refiner = run.new_refiner()
         run.load_weights("refiner", refiner)
         refiner.to(device)
-    return VectorFieldSystem.named(
+    recipe = RECIPES[run.options.get("scale") or "book"]
+    changes = {} if options.threshold is None else {"threshold": options.threshold}
+    system = recipe.system(
         options.system, net.to(device, memory_format=torch.channels_last), run.models, refiner,
-        threshold=THRESHOLD if options.threshold is None else options.threshold,
-        seed=options.seed,
+        voting=replace(recipe.voting, seed=options.seed), **changes,
     )  # fmt: skip
+    return ReducedImages(system, run.image_width)

@@ -13,14 +13,14 @@ from torch import Tensor
 
 from posecore import cameras, poses
 from posecore.arrays import Array, array_function, fail, require_integer
-from posecore.methods.vector_field.keypoints import canonical_rotation
+from posecore.symmetry import canonical_rotation
 
 __all__ = ["FieldTargets", "field_targets", "keypoint_vectors", "project_keypoints", "unit"]
 
 SHORTEST = 1e-6
 """Pixels; a vector shorter than this has no direction."""
 
-PARTS = ("instance", "K", "image", "object_id", "R", "t")
+PARTS = ("instance", "K", "object_id", "R", "t")
 """What targets are made of."""
 
 
@@ -103,9 +103,9 @@ def field_targets(
     small, by PyTorch's global generator: the same seed gives the same pixels.
 
     Args:
-        batch: tensors by name, as the batches of `data_tools` have them: "instance" (B, h, w), row
-            of the object that is seen or -1; of M objects "image", "object_id" (M,), "R" (M, 3, 3)
-            and "t" (M, 3); "K" (B, 3, 3), the camera matrices.
+        batch: tensors by name, as the batches of `data_tools` have them: "instance" (B, h, w),
+            which of the M objects of an image is seen, or -1; of these "object_id" (B, M), "R"
+            (B, M, 3, 3) and "t" (B, M, 3); "K" (B, 3, 3), the camera matrices.
         keypoints: (O, K, 3) of each object of the network, in its frame.
         object_ids: O different numbers, the objects of the network in its order. All others are
             background.
@@ -120,8 +120,8 @@ def field_targets(
             than `object_ids`, an object seen though a keypoint of it is behind the camera.
     """
     _require_batch(batch)
-    R, t, camera, instance = (batch[name] for name in ("R", "t", "K", "instance"))
-    image_of, ids = batch["image"], batch["object_id"]
+    R, t = batch["R"].flatten(0, 1), batch["t"].flatten(0, 1)
+    camera, instance, ids = batch["K"], batch["instance"], batch["object_id"]
     keypoints = torch.as_tensor(keypoints, dtype=R.dtype, device=R.device)
     object_ids = _require_ids(object_ids)
     if keypoints.ndim != 3 or len(keypoints) != len(object_ids) or keypoints.shape[-1] != 3:
@@ -132,21 +132,22 @@ def field_targets(
     if len(symmetries) != len(object_ids):
         fail("symmetries", f"{len(object_ids)} as object_ids", len(symmetries))
 
-    known = ids[:, None] == torch.tensor(object_ids, device=ids.device)  # (M, O)
-    label = torch.where(known.any(1), 1 + known.int().argmax(1), 0)  # (M,)
-    label = torch.cat([label, label.new_zeros(1)])  # row -1 is the background
-    labels = label[instance]
+    known = ids[..., None] == torch.tensor(object_ids, device=ids.device)  # (B, M, O)
+    label = torch.where(known.any(-1), 1 + known.int().argmax(-1), 0)  # (B, M)
+    table = torch.cat([label, label.new_zeros(len(label), 1)], 1)  # of instance -1: the background
+    places = torch.where(instance < 0, ids.shape[1], instance).flatten(1)
+    labels = table.gather(1, places).view_as(instance)
     image, y, x = labels.nonzero(as_tuple=True)
-    row = instance[image, y, x]  # the object that each pixel shows
+    row = image * ids.shape[1] + instance[image, y, x]  # the object that each pixel shows
     if pixels_per_object is not None:
         most = require_integer("pixels_per_object", pixels_per_object, 1)
-        drawn = _draw(row, len(ids), most)
+        drawn = _draw(row, ids.numel(), most)
         image, y, x, row = image[drawn], y[drawn], x[drawn], row[drawn]
 
     seen, position = row.unique(return_inverse=True)
-    number = label[seen] - 1
+    number = label.flatten()[seen] - 1
     R, t = _canonical_poses(R[seen], t[seen], number, symmetries)
-    aims = project_keypoints(keypoints[number], R, t, camera[image_of[seen]])
+    aims = project_keypoints(keypoints[number], R, t, camera[seen // max(1, ids.shape[1])])
     pixels = torch.stack([x, y], -1).to(R.dtype)
     vectors = keypoint_vectors(pixels[:, None], aims[position])[:, 0]
     return FieldTargets(labels, image, y, x, number[position], vectors)
@@ -181,14 +182,17 @@ def _require_batch(batch: Mapping[str, Tensor]) -> None:
         fail("batch", f"{', '.join(missing)} in it", ", ".join(batch) or "nothing")
     if batch["instance"].ndim != 3:
         fail("batch['instance']", "shape (B, h, w)", f"shape {tuple(batch['instance'].shape)}")
-    B, M = len(batch["instance"]), batch["object_id"].numel()
-    shapes = {"K": (B, 3, 3), "image": (M,), "object_id": (M,), "R": (M, 3, 3), "t": (M, 3)}
+    if batch["object_id"].ndim != 2:
+        got = f"shape {tuple(batch['object_id'].shape)}"
+        fail("batch['object_id']", "shape (B, M)", got)
+    B, M = len(batch["instance"]), batch["object_id"].shape[1]
+    shapes = {"K": (B, 3, 3), "object_id": (B, M), "R": (B, M, 3, 3), "t": (B, M, 3)}
     for name, shape in shapes.items():
         if batch[name].shape != shape:
             fail(f"batch[{name!r}]", f"shape {shape}", f"shape {tuple(batch[name].shape)}")
     low, high = batch["instance"].aminmax() if batch["instance"].numel() else (-1, -1)
     if low < -1 or high >= M:
-        expected = f"rows from -1 to {M - 1}"
+        expected = f"numbers from -1 to {M - 1}"
         fail("batch['instance']", expected, f"values from {int(low)} to {int(high)}")
 
 

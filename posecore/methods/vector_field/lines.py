@@ -181,7 +181,7 @@ def count_inside(walls: np.ndarray, points: np.ndarray) -> np.ndarray:
     return counts
 
 
-def who_looks_at(walls: np.ndarray, points: np.ndarray) -> np.ndarray:
+def inlier_mask(walls: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Whether each pixel's cone (K, 2, 3, P) has its keypoint's point (K, 2) inside, (K, P)."""
     return ((_with_one(points)[:, None, None] @ walls)[:, :, 0] > 0).all(1)
 

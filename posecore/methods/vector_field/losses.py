@@ -46,7 +46,7 @@ def vector_loss(predicted: Array, target: Array) -> Array:
 
 @array_function(predicted="... 2", target="... 2")
 def projection_loss(
-    predicted: Array, target: Array, eps: float = 1e-3, forward_only: bool = False
+    predicted: Array, target: Array, eps: float = 1e-3, ignore_reversed: bool = False
 ) -> Array:
     """How far the rays along the predicted vectors pass from the keypoints.
 
@@ -62,9 +62,9 @@ def projection_loss(
         target: the same shape, from the pixel to the keypoint.
         eps: predicted vectors shorter than this are divided by it instead of their length: the
             gradient of a distance is at most `|target| / eps`, and a vector of length 0 has loss 0.
-        forward_only: whether vectors that point away, by more than 90 degrees, have loss 0. Else a
-            wall as high as the distance stands between them and the right direction, which is more
-            than the vector loss climbs: they turn to point exactly the wrong way, and stay so.
+        ignore_reversed: whether vectors that point away, by more than 90 degrees, have loss 0. Else
+            a wall as high as the distance stands between them and the right direction, which is
+            more than the vector loss climbs: they turn to point exactly the wrong way, and stay so.
 
     Returns:
         A scalar; 0 for no vectors at all.
@@ -75,7 +75,7 @@ def projection_loss(
     _require_same_shape(predicted, target)
     eps = require_number("eps", eps, above=0)
     across = target[..., 0] * predicted[..., 1] - target[..., 1] * predicted[..., 0]
-    if forward_only:
+    if ignore_reversed:
         across = across * ((predicted * target).sum(-1) > 0)
     return _smooth_l1(across / predicted.norm(dim=-1).clamp_min(eps))
 
@@ -113,22 +113,22 @@ class VectorFieldLoss:
         projection: "pixel" for Eq 1 with targets in pixels, "unit" with targets of length one,
             "none" to leave it out, as PVNet does. It is measured then all the same, in pixels.
         weight: beta, a number, or "dynamic" for `projection_weight`.
-        begin: the part of the training after which the projection loss comes in; the steps of a
+        warmup: the part of the training after which the projection loss comes in; the steps of a
             dynamic weight are those of what is left. The paper wants it late, as it is too large at
             the beginning; its first step of five epochs is longer than a whole training in small.
-        forward_only: as for `projection_loss`.
+        ignore_reversed: as for `projection_loss`.
 
     Raises:
         ValueError: if `projection` is unknown, `weight` is neither "dynamic" nor at least 0, or
-            `begin` is not between 0 and 1.
+            `warmup` is not between 0 and 1.
     """
 
     def __init__(
         self,
         projection: str = "pixel",
         weight: float | str = "dynamic",
-        begin: float = 0.0,
-        forward_only: bool = False,
+        warmup: float = 0.0,
+        ignore_reversed: bool = False,
     ) -> None:
         require_choice("projection", projection, PROJECTIONS)
         if isinstance(weight, str):
@@ -136,16 +136,18 @@ class VectorFieldLoss:
         else:
             weight = require_number("weight", weight, 0)
         self.projection, self.weight = projection, weight
-        self.begin = require_number("begin", begin, 0, 1)
-        self.forward_only = bool(forward_only)
+        self.warmup = require_number("warmup", warmup, 0, 1)
+        self.ignore_reversed = bool(ignore_reversed)
 
     def beta(self, done: float) -> float:
         """The weight of the projection loss when so much of the training is behind."""
-        if self.projection == "none" or done < self.begin:
+        if self.projection == "none" or done < self.warmup:
             return 0.0
         if self.weight != "dynamic":
             return self.weight
-        return projection_weight((done - self.begin) / (1 - self.begin) if self.begin < 1 else 1.0)
+        return projection_weight(
+            (done - self.warmup) / (1 - self.warmup) if self.warmup < 1 else 1.0
+        )
 
     def __call__(
         self, mask: Tensor, vectors: Tensor, targets: FieldTargets, done: float
@@ -179,7 +181,7 @@ class VectorFieldLoss:
         of_projection = projection_loss(
             vectors,
             aim if self.projection == "unit" else targets.vectors,
-            forward_only=self.forward_only,
+            ignore_reversed=self.ignore_reversed,
         )
         loss = of_mask + of_vectors
         beta = self.beta(done)

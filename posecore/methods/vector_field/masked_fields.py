@@ -12,7 +12,7 @@ from posecore.arrays import fail, require_integer
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.training.machine import uses_bfloat16
 
-__all__ = ["MaskedFields", "look_at"]
+__all__ = ["MaskedFields", "predict_fields"]
 
 
 class MaskedFields:
@@ -160,7 +160,7 @@ class MaskedFields:
 
 
 @torch.no_grad()
-def look_at(
+def predict_fields(
     net: VectorFieldNet, images: Tensor, min_pixels: int = 20, precision: str = "auto"
 ) -> MaskedFields:
     """What a network says of images, at the pixels of its own masks.

@@ -35,7 +35,7 @@ class VectorFieldNet(nn.Module):
         width: of the ResNet. The decoder follows it, but its maps keep the paper's 64, the last two
             its 32 channels at least: what all keypoints of all objects need has to go through,
             however narrow the ResNet. It costs next to nothing.
-        most: channels of the ResNet's later stages, as `ResNet` has it.
+        max_channels: channels of the ResNet's later stages, as `ResNet` has it.
 
     Attributes:
         channels: of the last maps.
@@ -45,12 +45,12 @@ class VectorFieldNet(nn.Module):
     """
 
     def __init__(
-        self, objects: int = 1, keypoints: int = 9, width: int = 64, most: int | None = None
+        self, objects: int = 1, keypoints: int = 9, width: int = 64, max_channels: int | None = None
     ) -> None:
         super().__init__()
         self.objects = require_integer("objects", objects, 1)
         self.keypoints = require_integer("keypoints", keypoints, 1)
-        self.backbone = ResNet(width, stride=8, most=most)
+        self.backbone = ResNet(width, stride=8, max_channels=max_channels)
         stem, layer1, layer2, layer3, layer4 = self.backbone.channels
         coarse, middle, late = (max(channels // 2, 64) for channels in (layer4, layer3, layer2))
         self.channels = fine = max(stem // 2, 32)

@@ -26,13 +26,14 @@ from posecore import cameras, poses
 from posecore.arrays import Array, array_function, fail, require_finite, require_integer
 from posecore.clouds import farthest_point_sampling
 from posecore.methods.vector_field.fields import keypoint_vectors, unit
-from posecore.methods.vector_field.models import ObjectModel, require_models
+from posecore.models import ObjectModel, require_models
 from posecore.nets.pose_refiner import PoseRefiner
 from posecore.nets.rotation_heads.decoders import decode_quaternion
+from posecore.refinement import correct_pose
 
-__all__ = ["FieldRefiner", "correct_pose", "overlap", "refiner_features"]
+__all__ = ["FieldRefiner", "overlap", "refiner_features"]
 
-RESIDUAL = 0.1
+RESIDUAL_SCALE = 0.1
 """The size of a usual residual: the network is told how many of these, which are near one."""
 
 Look = Callable[[Tensor], tuple[Tensor, Tensor]]
@@ -105,35 +106,6 @@ def refiner_features(
     inside = (inside != 0).to(said.dtype)[..., None]
     said = said.flatten(-2) * inside
     return torch.cat([said, inside.expand(*said.shape[:-1], 1)], -1)
-
-
-@array_function(
-    R="... 3 3", t="... 3", centre="... 3", diameter="...", turn="... 3 3", shift="... 3"
-)
-def correct_pose(
-    R: Array, t: Array, centre: Array, diameter: Array, turn: Array, shift: Array
-) -> tuple[Array, Array]:
-    """A pose after a correction about the object's centre, in the camera's axes.
-
-    The centre at `c` goes to `exp(s) * (c + diameter * (dx, dy, 0))` for `shift = (dx, dy, s)`: the
-    last number moves it along its ray, so that its pixel stays, and `s` is the logarithm of the
-    ratio of depths.
-
-    Args:
-        R, t: (..., 3, 3) and (..., 3) the pose.
-        centre: (..., 3) the object's centre in its own frame.
-        diameter: (...) metres.
-        turn: (..., 3, 3) rotation in the camera's axes.
-        shift: (..., 3).
-
-    Returns:
-        (..., 3, 3) and (..., 3).
-    """
-    across = torch.cat([shift[..., :2], torch.zeros_like(shift[..., 2:])], -1)
-    now = (R @ centre[..., None])[..., 0] + t
-    then = shift[..., 2:].exp() * (now + diameter[..., None] * across)
-    R = turn @ R
-    return R, then - (R @ centre[..., None])[..., 0]
 
 
 class FieldRefiner(nn.Module):
@@ -214,7 +186,7 @@ class FieldRefiner(nn.Module):
                 residual=self.residual,
             )  # fmt: skip
             if self.residual:
-                known = torch.cat([known[..., :-1] / RESIDUAL, known[..., -1:]], -1)
+                known = torch.cat([known[..., :-1] / RESIDUAL_SCALE, known[..., -1:]], -1)
             there = (points - centre[:, None]) @ R.mT.to(points) / diameter[:, None, None]
             said = self.net(there, known.to(points), index)
             # Half as far or twice is more than any refinement needs, and never overflows.

@@ -1,4 +1,4 @@
-"""How a refiner learns: from fields (`frozen_fields`), and poses that are wrong by a little."""
+"""How a refiner learns: from fields (`predictions`), and poses that are wrong by a little."""
 
 from __future__ import annotations
 
@@ -7,108 +7,35 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from posecore import poses
-from posecore.arrays import Array, array_function, fail, require_integer, require_number
-from posecore.methods.vector_field.keypoints import canonical_rotation
+from posecore.arrays import Array, fail, require_integer, require_number
 from posecore.methods.vector_field.masked_fields import MaskedFields
-from posecore.methods.vector_field.models import ObjectModel, require_models
-from posecore.methods.vector_field.refinement import FieldRefiner, correct_pose
-from posecore.rotations import axis_angle_to_matrix
+from posecore.methods.vector_field.refinement import FieldRefiner
+from posecore.models import ObjectModel, require_models
+from posecore.refinement import perturb, pose_loss
+from posecore.symmetry import canonical_rotation
 
-__all__ = ["RefinerTraining", "perturb", "pose_loss"]
+__all__ = ["RefinerTraining"]
 
-FAR = 0.5
+MAX_CENTRE_ERROR = 0.5
 """Diameters."""
-
-
-@array_function(
-    points="... N 3", R="... 3 3", t="... 3", R_gt="... 3 3", t_gt="... 3", diameter="..."
-)
-def pose_loss(
-    points: Array,
-    R: Array,
-    t: Array,
-    R_gt: Array,
-    t_gt: Array,
-    diameter: Array,
-    symmetric: Array | bool = False,
-) -> Array:
-    """ADD, of symmetric objects ADD-S, in diameters; `metrics` has them in metres and without loss.
-
-    Args:
-        points: (..., N, 3) of the model; the distances of all pairs are computed for ADD-S.
-        R, t, R_gt, t_gt: (..., 3, 3) and (..., 3) estimate and ground truth.
-        diameter: (...) metres.
-        symmetric: (...) booleans, or one for all.
-
-    Returns:
-        (...) at least 0; the gradient is finite, also where the loss is 0.
-    """
-    here, there = poses.apply(R, t, points), poses.apply(R_gt, t_gt, points)
-    here, there = torch.broadcast_tensors(here, there)
-    symmetric = torch.as_tensor(symmetric, device=here.device, dtype=torch.bool)
-    symmetric = symmetric.expand(here.shape[:-2])
-    if bool(symmetric.any()):
-        with torch.no_grad():
-            pairs = torch.cdist(there[symmetric].detach(), here[symmetric].detach())
-            nearest = pairs.argmin(-1)[..., None].expand(-1, -1, 3)
-        here = here.masked_scatter(symmetric[..., None, None], here[symmetric].gather(1, nearest))
-    return torch.linalg.vector_norm(here - there, dim=-1).mean(-1) / diameter
-
-
-def perturb(
-    R: Tensor,
-    t: Tensor,
-    centre: Tensor,
-    diameter: Tensor,
-    generator: torch.Generator,
-    rotation: float = math.radians(20),
-    lateral: float = 0.08,
-    depth: float = 0.2,
-) -> tuple[Tensor, Tensor]:
-    """Poses near the given ones, as a first estimate may be wrong.
-
-    Each is wrong in everything by the same part, drawn evenly from 0 to 1, of the sizes given: a
-    refiner has to learn to leave alone what is right.
-
-    Args:
-        R, t: (B, 3, 3) and (B, 3).
-        centre: (B, 3) of the objects in their frames.
-        diameter: (B,) metres.
-        generator: of the random numbers.
-        rotation: radians about any axis.
-        lateral: diameters; standard deviation across the view, in x and in y.
-        depth: diameters; standard deviation along the ray.
-
-    Returns:
-        (B, 3, 3) and (B, 3), always in front of the camera.
-    """
-    part = torch.rand(len(R), 1, generator=generator, dtype=torch.float64)
-    noise = torch.randn(len(R), 6, generator=generator, dtype=torch.float64)
-    part, noise = part.to(R), noise.to(R)
-    turn = nn.functional.normalize(noise[:, :3], dim=-1) * rotation * part
-    distance = (R @ centre[..., None])[:, 2, 0] + t[:, 2]
-    away = (depth * part[:, 0] * noise[:, 5] * diameter / distance).clamp(min=-0.5)
-    shift = torch.cat([lateral * part * noise[:, 3:5], torch.log1p(away)[:, None]], -1)
-    return correct_pose(R, t, centre, diameter, axis_angle_to_matrix(turn), shift)
 
 
 class RefinerTraining:
     """Batches and loss of a refiner, from the fields of a network that is trained and frozen.
 
-        seen = look_at_views(net, data)  # both of `frozen_fields`
-        training = RefinerTraining(seen, refiner.models, own_poses(system, seen))
+        seen = predict_views(net, data)  # both of `predictions`
+        training = RefinerTraining(seen, refiner.models, initial_poses(system, seen))
         fit(refiner, training.batches, training.loss, steps=2000, clip=1.0)
 
     The fields are kept, so a batch is made of numbers only. The poses to begin with are true ones
     made wrong (`perturb`), and the system's own where they are given.
 
     Args:
-        seen: of each batch of images what the network said of it, and that batch, as a `Stack` or
-            `Windows` give it: tensors "object_id", "R", "t" and "K", and "image" of a `Stack`. What
-            the network took for an object that is not there is left out.
+        seen: of each batch of images what the network said of it, and "object_id", "R", "t" and "K"
+            of that batch, as `Stack.frames` gives them. What the network took for an object that is
+            not there is left out.
         models: in the order of the field's network. Of a symmetric object the pose that the field
             points at is taken (`canonical_rotation`).
         own: of each batch of images the system's own poses (S, 3, 3) and (S, 3), one for each entry
@@ -122,8 +49,8 @@ class RefinerTraining:
         entry: (S,) int64 those with a true pose.
         R, t, camera: (S, 3, 3), (S, 3), (S, 3, 3) float32, their true poses and cameras.
         made_from: what tells `fit` this training from others (`posecore.training.origins`). The
-            network is named by its digest (`weights_digest`); its fields, which rounding moves
-            across thresholds, differ from one machine to the next.
+            network is named by its digest (`posecore.weights.digest`); its fields, which rounding
+            moves across thresholds, differ from one machine to the next.
 
     Raises:
         ValueError: naming an argument that cannot be, or if nothing is left to learn from.
@@ -177,7 +104,7 @@ class RefinerTraining:
         R, t = R[self.entry], t[self.entry]
         centre, diameter = self.centre[self.index][..., None], self.diameter[self.index]
         gap = (R @ centre)[..., 0] + t - (self.R @ centre)[..., 0] - self.t
-        return R, t, gap.norm(dim=-1) < FAR * diameter
+        return R, t, gap.norm(dim=-1) < MAX_CENTRE_ERROR * diameter
 
     def __len__(self) -> int:
         """How many objects there are to learn from."""
@@ -231,12 +158,9 @@ def _truth(
     missing = {"object_id", "R", "t", "K"} - batch.keys()
     if missing:
         fail("seen", "batches with object_id, R, t and K", f"one without {sorted(missing)}")
-    object_id, R, t = batch["object_id"], batch["R"], batch["t"]
-    if object_id.ndim == 2:  # as many places for objects in each image, as in `Windows`
-        image = torch.arange(len(object_id))[:, None].expand_as(object_id).flatten()
-        object_id, R, t = (values.flatten(0, 1) for values in (object_id, R, t))
-    else:
-        image = batch["image"]
+    places = batch["object_id"].shape
+    image = torch.arange(len(batch["object_id"]))[:, None].expand(places).flatten()
+    object_id, R, t = (batch[name].flatten(0, 1) for name in ("object_id", "R", "t"))
     ids = torch.tensor([model.object_id for model in models])
     same_object = ids[fields.object][:, None] == object_id
     same = same_object & (fields.image[:, None] == image)  # (S, M)

@@ -6,13 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from posecore.arrays import fail
+from posecore.arrays import fail, require_integer
 from posecore.methods import runs
-from posecore.methods.vector_field.models import ObjectModel, require_models
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.methods.vector_field.refinement import FieldRefiner
+from posecore.models import ObjectModel, require_models
 
 __all__ = ["VectorFieldRun", "read_run"]
+
+RENAMED = {"begin": "warmup", "forward_only": "ignore_reversed"}
+"""Options that had other names when older runs were written."""
 
 
 @dataclass(frozen=True)
@@ -21,16 +24,18 @@ class VectorFieldRun(runs.Run):
 
     Attributes:
         path, options: as of every `Run`.
-        width, most: of the network of the field.
+        width, max_channels: of the network of the field.
         refiner_width: None for no refiner.
+        image_width: to which images are reduced; None leaves them as they are.
         models: of the objects.
     """
 
     method: ClassVar[str] = "vector_field"
 
     width: int
-    most: int | None
+    max_channels: int | None
     refiner_width: int | None
+    image_width: int | None
     models: list[ObjectModel]
 
     @property
@@ -41,7 +46,7 @@ class VectorFieldRun(runs.Run):
     def new_net(self) -> VectorFieldNet:
         """The network of the field, untrained."""
         keypoints = len(self.models[0].keypoints)
-        return VectorFieldNet(len(self.models), keypoints, self.width, self.most)
+        return VectorFieldNet(len(self.models), keypoints, self.width, self.max_channels)
 
     def new_refiner(self) -> FieldRefiner:
         """The refiner, untrained.
@@ -65,8 +70,12 @@ def read_run(path: str | Path) -> VectorFieldRun:
 
 def _run(path: Path, content: dict[str, Any]) -> VectorFieldRun:
     models = require_models([ObjectModel(**entry) for entry in content["models"]])
-    sizes = content["width"], content["most"], content["refiner_width"]
-    run = VectorFieldRun(path, dict(content["options"]), *sizes, models)
+    options = {RENAMED.get(name, name): value for name, value in content["options"].items()}
+    most = content["max_channels"] if "max_channels" in content else content["most"]
+    sizes = content["width"], most, content["refiner_width"], content.get("image_width")
+    if sizes[3] is not None:
+        require_integer("image_width", sizes[3], 1)
+    run = VectorFieldRun(path, options, *sizes, models)
     run.new_net()  # refuses sizes that cannot be
     if run.refiner_width is not None:
         run.new_refiner()

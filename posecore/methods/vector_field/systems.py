@@ -15,6 +15,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import torch
@@ -22,11 +23,11 @@ from torch import Tensor
 
 from posecore import cameras, poses
 from posecore.arrays import Array, fail, require_choice, require_integer, require_number, to_numbers
-from posecore.methods.vector_field.masked_fields import MaskedFields, look_at
-from posecore.methods.vector_field.models import ObjectModel, require_models
+from posecore.methods.vector_field.masked_fields import MaskedFields, predict_fields
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.methods.vector_field.refinement import FieldRefiner
-from posecore.methods.vector_field.voting import FITS, Votes, vote_pixels
+from posecore.methods.vector_field.voting import VoteOptions, Votes, vote_pixels
+from posecore.models import ObjectModel, require_models
 from posecore.registration.weighted_pnp import uncertainty_pnp
 
 __all__ = ["STAGES", "SYSTEMS", "Estimate", "ObjectModel", "VectorFieldSystem"]
@@ -82,9 +83,8 @@ class VectorFieldSystem:
         refine: "never", "always", or "overlap": where the overlap is above the threshold.
         threshold: of the overlap; the paper gives none.
         min_pixels: masks with fewer are no object. Every other gets an estimate.
-        hypotheses: of the vote.
-        seed: of the vote; the same seed gives the same poses.
-        fit: of the vote, its last step: "lines" or "angles".
+        voting: how keypoints are voted for; the same seed gives the same poses. None for the
+            defaults.
 
     Raises:
         ValueError: naming an argument that cannot be.
@@ -99,9 +99,7 @@ class VectorFieldSystem:
         threshold: float = 0.8,
         *,
         min_pixels: int = 20,
-        hypotheses: int = 128,
-        seed: int = 0,
-        fit: str = "lines",
+        voting: VoteOptions | None = None,
     ) -> None:
         self.models = require_models(models)
         if not isinstance(net, VectorFieldNet):
@@ -125,10 +123,9 @@ class VectorFieldSystem:
         self.net, self.refiner, self.refine = net, refiner, refine
         self.threshold = require_number("threshold", threshold, 0, 1)
         self.min_pixels = require_integer("min_pixels", min_pixels, 1)
-        self.hypotheses = require_integer("hypotheses", hypotheses, 1)
-        self.seed = require_integer("seed", seed, 0)
-        require_choice("fit", fit, FITS)
-        self.fit = fit
+        if voting is not None and not isinstance(voting, VoteOptions):
+            fail("voting", "a VoteOptions or None", repr(voting))
+        self.voting = VoteOptions() if voting is None else voting
 
     @classmethod
     def named(
@@ -137,7 +134,7 @@ class VectorFieldSystem:
         net: VectorFieldNet,
         models: Sequence[ObjectModel],
         refiner: FieldRefiner | None = None,
-        **options: float | str,
+        **options: Any,
     ) -> VectorFieldSystem:
         """One of `SYSTEMS`; `options` are those of the class."""
         require_choice("name", name, list(SYSTEMS))
@@ -159,7 +156,7 @@ class VectorFieldSystem:
         images = _images(images)
         camera = _cameras(K, len(images))
         began = time.perf_counter()
-        fields = look_at(self.net.eval(), images.float(), self.min_pixels)
+        fields = predict_fields(self.net.eval(), images.float(), self.min_pixels)
         seconds = (time.perf_counter() - began) / len(images)
         return self.estimate_fields(fields, camera, seconds)
 
@@ -193,74 +190,80 @@ class VectorFieldSystem:
         self, fields: MaskedFields, entries: Tensor, camera: Tensor, seconds: float
     ) -> list[Estimate]:
         """The estimates of all objects in one image."""
-        began = time.perf_counter()
-        models = [self.models[int(fields.object[entry])] for entry in entries]
-        votes = []
-        for entry in entries.tolist():
-            pixels, vectors = (part.double().cpu().numpy() for part in fields.of(entry))
-            options = {"hypotheses": self.hypotheses, "seed": self.seed, "fit": self.fit}
-            votes.append((pixels, vote_pixels(pixels, vectors, **options)))
-        voted = time.perf_counter()
-        first = [
-            _first_pose(vote, pixels, model, camera.numpy())
-            for (pixels, vote), model in zip(votes, models, strict=True)
+        candidates = [
+            _Candidate(entry, self.models[int(fields.object[entry])]) for entry in entries.tolist()
         ]
-        solved = time.perf_counter()
-        overlaps = [
-            _overlap(fields, entry, model, R, t, camera)
-            for entry, model, (R, t, _) in zip(entries, models, first, strict=True)
-        ]
-        refined = [self._refines(share) for share in overlaps]
-        final = self._refined(fields, entries, first, camera, refined)
-        spent = (seconds, voted - began, solved - voted, time.perf_counter() - solved)
+        spent = [seconds]
+        for stage in (self._vote, self._solve, self._refine):
+            began = time.perf_counter()
+            stage(candidates, fields, camera)
+            spent.append(time.perf_counter() - began)
         return [
             Estimate(
-                image=int(fields.image[entry]),
-                object_id=model.object_id,
-                R=R,
-                t=t,
-                score=float(fields.confidence[entry] * vote.inliers.mean()) if fits else 0.0,
-                overlap=share,
-                refined=again,
-                first=(R_1, t_1),
-                keypoints=vote.points,
-                covariances=vote.covariances,
+                image=int(fields.image[one.entry]),
+                object_id=one.model.object_id,
+                R=one.R,
+                t=one.t,
+                score=float(fields.confidence[one.entry] * one.votes.inliers.mean())
+                if one.fits
+                else 0.0,
+                overlap=one.overlap,
+                refined=one.refined,
+                first=one.first,
+                keypoints=one.votes.points,
+                covariances=one.votes.covariances,
                 seconds=dict(zip(STAGES, spent, strict=True)),
             )
-            for entry, model, (R, t), share, again, (R_1, t_1, fits), (_, vote) in zip(
-                entries, models, final, overlaps, refined, first, votes, strict=True
-            )
+            for one in candidates
         ]
 
-    def _refines(self, share: float) -> bool:
-        return self.refine == "always" or (self.refine == "overlap" and share > self.threshold)
+    def _vote(self, candidates: list[_Candidate], fields: MaskedFields, camera: Tensor) -> None:
+        for one in candidates:
+            one.pixels, vectors = (part.double().cpu().numpy() for part in fields.of(one.entry))
+            one.votes = vote_pixels(one.pixels, vectors, self.voting)
 
-    def _refined(
-        self,
-        fields: MaskedFields,
-        entries: Tensor,
-        first: list[tuple[np.ndarray, np.ndarray, bool]],
-        camera: Tensor,
-        wanted: list[bool],
-    ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The first poses, those that are wanted corrected, all in one go."""
-        final = [(R, t) for R, t, _ in first]
-        rows = [row for row, want in enumerate(wanted) if want]
-        if not rows:
-            return final
-        chosen = entries[rows]
-        R, t = (torch.from_numpy(np.stack([final[row][n] for row in rows])) for n in (0, 1))
+    def _solve(self, candidates: list[_Candidate], fields: MaskedFields, camera: Tensor) -> None:
+        for one in candidates:
+            one.R, one.t, one.fits = _first_pose(one.votes, one.pixels, one.model, camera.numpy())
+            one.first = one.R, one.t
+
+    def _refine(self, candidates: list[_Candidate], fields: MaskedFields, camera: Tensor) -> None:
+        """Correct the poses that are to be corrected, all in one go."""
+        for one in candidates:
+            one.overlap = _overlap(fields, one, camera)
+            one.refined = self.refine == "always" or (
+                self.refine == "overlap" and one.overlap > self.threshold
+            )
+        chosen = [one for one in candidates if one.refined]
+        if not chosen:
+            return
+        entries = torch.tensor([one.entry for one in chosen])
         device = self.refiner.diameter.device
         *_, (R, t) = self.refiner(
-            fields.object[chosen].to(device),
-            R.to(device),
-            t.to(device),
-            camera.expand(len(rows), 3, 3).to(device),
-            lambda pixels: fields.at(chosen, pixels),
+            fields.object[entries].to(device),
+            torch.from_numpy(np.stack([one.R for one in chosen])).to(device),
+            torch.from_numpy(np.stack([one.t for one in chosen])).to(device),
+            camera.expand(len(chosen), 3, 3).to(device),
+            lambda pixels: fields.at(entries, pixels),
         )
-        for row, *pose in zip(rows, R.cpu().numpy(), t.cpu().numpy(), strict=True):
-            final[row] = tuple(pose)
-        return final
+        for one, *pose in zip(chosen, R.cpu().numpy(), t.cpu().numpy(), strict=True):
+            one.R, one.t = pose
+
+
+@dataclass
+class _Candidate:
+    """An object in an image on its way to an `Estimate`; each stage adds what it finds."""
+
+    entry: int
+    model: ObjectModel
+    pixels: np.ndarray | None = None
+    votes: Votes | None = None
+    R: np.ndarray | None = None
+    t: np.ndarray | None = None
+    fits: bool = False
+    first: tuple[np.ndarray, np.ndarray] | None = None
+    overlap: float = 0.0
+    refined: bool = False
 
 
 def _first_pose(
@@ -280,13 +283,12 @@ def _first_pose(
     return np.eye(3), centre - model.keypoints[-1], False
 
 
-def _overlap(
-    fields: MaskedFields, entry: Tensor, model: ObjectModel, R: Array, t: Array, camera: Tensor
-) -> float:
+def _overlap(fields: MaskedFields, one: _Candidate, camera: Tensor) -> float:
     """`refinement.overlap` with the mask of an entry."""
-    points = poses.apply(R, t, model.points)
+    points = poses.apply(one.R, one.t, one.model.points)
     pixels = torch.from_numpy(cameras.project(camera.numpy(), points, behind="inf"))
-    return float(fields.contains(entry[None], pixels[None]).double().mean())
+    inside = fields.contains(torch.tensor([one.entry]), pixels[None])
+    return float(inside.double().mean())
 
 
 def _images(images: Array) -> Tensor:

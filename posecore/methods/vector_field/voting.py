@@ -9,6 +9,7 @@ Source: Peng et al. 2019, "PVNet: Pixel-wise Voting Network for 6DoF Pose Estima
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -25,13 +26,14 @@ from posecore.methods.vector_field.lines import (
     fit_angles,
     fit_lines,
     hypothesis_covariance,
+    inlier_mask,
     intersect_lines,
     require_threshold,
-    who_looks_at,
 )
 
 __all__ = [
     "FITS",
+    "VoteOptions",
     "Votes",
     "count_inliers",
     "hypothesis_covariance",
@@ -42,10 +44,49 @@ __all__ = [
 
 FITS = ("lines", "angles")
 """What the last step on the inliers can make least."""
-UNKNOWN = 1000.0
+UNKNOWN_STD = 1000.0
 """Pixels: the standard deviation given to a keypoint that no two pixels vote for."""
 _CONFIDENCE = 0.99
-_BELOW = 0.1  # PVNet's released code leaves out hypotheses with a share this much below the best
+# PVNet's released code leaves out hypotheses with a share this much below the best.
+_MAX_BELOW_BEST = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class VoteOptions:
+    """How keypoints are voted for.
+
+    A round draws pairs of pixels for every keypoint and counts who points at their crossing.
+    Keypoints have another round until, with 99 % confidence, one of their pairs was of two inliers.
+
+    Attributes:
+        hypotheses: S, pairs drawn in a round.
+        sample: most pixels of a mask that are drawn from and counted; None for all.
+        threshold: cosine in (0, 1) of the angle by which an inlier may miss.
+        rounds: most rounds; of several, the one with the best hypothesis is returned.
+        seed: of the draws; the same seed gives the same keypoints.
+        fit: the last step on the inliers. "lines", PVNet's: least squared distance to their lines,
+            which lies too near to the mask if they are noisy. "angles": least squared angles, with
+            no such bias; the point of the lines where that finds none.
+
+    Raises:
+        ValueError: naming an attribute that cannot be.
+    """
+
+    hypotheses: int = 128
+    sample: int | None = None
+    threshold: float = 0.99
+    rounds: int = 20
+    seed: int = 0
+    fit: str = "lines"
+
+    def __post_init__(self) -> None:
+        require_choice("fit", self.fit, FITS)
+        require_integer("hypotheses", self.hypotheses, 1)
+        if self.sample is not None:
+            require_integer("sample", self.sample, 2)
+        require_threshold(self.threshold)
+        require_integer("rounds", self.rounds, 1)
+        require_integer("seed", self.seed, 0)
 
 
 class Votes(NamedTuple):
@@ -67,42 +108,24 @@ class Votes(NamedTuple):
     """(O,) int64, the number of pixels of each mask."""
 
 
-def vote(
-    mask: Array,
-    vectors: Array,
-    *,
-    hypotheses: int = 128,
-    sample: int | None = None,
-    threshold: float = 0.99,
-    rounds: int = 20,
-    seed: int = 0,
-    fit: str = "lines",
-) -> Votes:
+def vote(mask: Array, vectors: Array, options: VoteOptions | None = None) -> Votes:
     """Keypoints of several objects in one image, by RANSAC over the pixels of each.
 
-    A round draws `hypotheses` pairs of pixels for every keypoint and counts who points at their
-    crossing. Keypoints have another round until, with 99 % confidence, one of their pairs was of
-    two inliers. Each object is drawn for on its own: what the others show does not change it.
+    Each object is drawn for on its own: what the others show does not change it.
 
     Args:
         mask: (O, H, W) bool, the pixels of each object; none at all is allowed.
         vectors: (O, K, 2, H, W) from each pixel towards each keypoint, (x, y); of any length,
             but a vector of length 0 votes for nothing. Looked at in the masks only.
-        hypotheses: S, pairs drawn in a round.
-        sample: most pixels of a mask that are drawn from and counted; all if not given.
-        threshold: cosine in (0, 1) of the angle by which an inlier may miss.
-        rounds: most rounds; of several, the one with the best hypothesis is returned.
-        seed: of the draws; the same seed gives the same keypoints.
-        fit: the last step on the inliers. "lines", PVNet's: least squared distance to their lines,
-            which lies too near to the mask if they are noisy. "angles": least squared angles, with
-            no such bias; the point of the lines where that finds none.
+        options: None for the defaults.
 
     Returns:
         `Votes`, computed in float64, in the kind and precision of `vectors`.
 
     Raises:
-        ValueError: if a shape or a parameter is wrong, or a vector in a mask is not finite.
+        ValueError: if a shape is wrong, or a vector in a mask is not finite.
     """
+    options = _options(options)
     fields, inside = _array("vectors", vectors), _array("mask", mask)
     if fields.ndim != 5 or fields.shape[2] != 2 or 0 in fields.shape:
         fail("vectors", "shape (O, K, 2, H, W), none of them 0", f"shape {fields.shape}")
@@ -111,33 +134,22 @@ def vote(
     expected = (fields.shape[0], *fields.shape[3:])
     if inside.shape != expected:
         fail("mask", f"shape {expected} as vectors have", f"shape {inside.shape}")
-    settings = _settings(hypotheses, sample, threshold, rounds, seed, fit)
 
     votes = []
     for field, wanted in zip(fields, inside, strict=True):
         rows, columns = wanted.nonzero()
         pixels = np.stack([columns, rows], -1).astype(np.float64)
-        votes.append(_vote(pixels, field[:, :, rows, columns].astype(np.float64), settings))
+        votes.append(_vote(pixels, field[:, :, rows, columns].astype(np.float64), options))
     return _like(Votes(*(np.stack(values) for values in zip(*votes, strict=True))), vectors)
 
 
-def vote_pixels(
-    pixels: Array,
-    vectors: Array,
-    *,
-    hypotheses: int = 128,
-    sample: int | None = None,
-    threshold: float = 0.99,
-    rounds: int = 20,
-    seed: int = 0,
-    fit: str = "lines",
-) -> Votes:
+def vote_pixels(pixels: Array, vectors: Array, options: VoteOptions | None = None) -> Votes:
     """`vote` for one object whose pixels are given as a list.
 
     Args:
         pixels: (P, 2) pixels of the object; P may be 0.
         vectors: (P, K, 2) from each pixel towards each keypoint.
-        hypotheses, sample, threshold, rounds, seed, fit: as in `vote`.
+        options: None for the defaults.
 
     Returns:
         `Votes` without their first dimension.
@@ -145,6 +157,7 @@ def vote_pixels(
     Raises:
         ValueError: as in `vote`.
     """
+    options = _options(options)
     places, field = _array("pixels", pixels), _array("vectors", vectors)
     if places.ndim != 2 or places.shape[1] != 2:
         fail("pixels", "shape (P, 2)", f"shape {places.shape}")
@@ -152,35 +165,17 @@ def vote_pixels(
         fail("vectors", f"shape ({len(places)}, K, 2)", f"shape {field.shape}")
     if not np.isfinite(places).all():
         fail("pixels", "finite values", f"{int((~np.isfinite(places)).sum())} others")
-    settings = _settings(hypotheses, sample, threshold, rounds, seed, fit)
     gathered = field.transpose(1, 2, 0).astype(np.float64, order="C")
-    return _like(_vote(places.astype(np.float64), gathered, settings), vectors)
+    return _like(_vote(places.astype(np.float64), gathered, options), vectors)
 
 
-class _Settings(NamedTuple):
-    hypotheses: int
-    sample: int | None
-    threshold: float
-    rounds: int
-    seed: int
-    fit: str
+def _options(options: VoteOptions | None) -> VoteOptions:
+    if options is not None and not isinstance(options, VoteOptions):
+        fail("options", "a VoteOptions or None", repr(options))
+    return VoteOptions() if options is None else options
 
 
-def _settings(
-    hypotheses: int, sample: int | None, threshold: float, rounds: int, seed: int, fit: str
-) -> _Settings:
-    require_choice("fit", fit, FITS)
-    return _Settings(
-        require_integer("hypotheses", hypotheses, 1),
-        None if sample is None else require_integer("sample", sample, 2),
-        require_threshold(threshold),
-        require_integer("rounds", rounds, 1),
-        require_integer("seed", seed, 0),
-        fit,
-    )
-
-
-def _vote(pixels: np.ndarray, vectors: np.ndarray, settings: _Settings) -> Votes:
+def _vote(pixels: np.ndarray, vectors: np.ndarray, options: VoteOptions) -> Votes:
     """`Votes` of one object from its pixels (P, 2) and their vectors (K, 2, P)."""
     keypoints, _, count = vectors.shape
     if not np.isfinite(vectors).all():
@@ -188,24 +183,24 @@ def _vote(pixels: np.ndarray, vectors: np.ndarray, settings: _Settings) -> Votes
         fail("vectors", "finite values", f"{bad} of {count} pixels with others")
     middle = pixels.mean(0) if count else np.zeros(2)
     points = np.tile(middle, (keypoints, 1))
-    covariances = np.tile(UNKNOWN**2 * np.eye(2), (keypoints, 1, 1))
-    hypotheses = np.tile(middle, (keypoints, settings.hypotheses, 1))
-    weights = np.zeros((keypoints, settings.hypotheses))
+    covariances = np.tile(UNKNOWN_STD**2 * np.eye(2), (keypoints, 1, 1))
+    hypotheses = np.tile(middle, (keypoints, options.hypotheses, 1))
+    weights = np.zeros((keypoints, options.hypotheses))
     if count >= 2:
-        generator = np.random.default_rng(settings.seed)
-        if settings.sample is not None and settings.sample < count:
-            chosen = generator.choice(count, settings.sample, replace=False)
+        generator = np.random.default_rng(options.seed)
+        if options.sample is not None and options.sample < count:
+            chosen = generator.choice(count, options.sample, replace=False)
             pixels, vectors = pixels[chosen], vectors[..., chosen]
         centred = pixels - middle
         units = directions(vectors)
-        walls = cone_walls(centred, units, settings.threshold)
-        guesses, weights = _ransac(centred, units, walls, settings, generator)
+        walls = cone_walls(centred, units, options.threshold)
+        guesses, weights = _ransac(centred, units, walls, options, generator)
         winners = guesses[np.arange(keypoints), weights.argmax(1)]
-        inside = who_looks_at(walls, winners)
+        inside = inlier_mask(walls, winners)
         refined = fit_lines(centred, units, inside, winners)
-        if settings.fit == "angles":
+        if options.fit == "angles":
             refined = fit_angles(centred, units, inside, refined)
-        weights[weights < weights.max(1, keepdims=True) - _BELOW] = 0
+        weights[weights < weights.max(1, keepdims=True) - _MAX_BELOW_BEST] = 0
         found = weights.max(1) > 0
         covariances[found] = hypothesis_covariance(guesses[found], weights[found], refined[found])
         points[found] += refined[found]
@@ -219,16 +214,16 @@ def _ransac(
     pixels: np.ndarray,
     units: np.ndarray,
     walls: np.ndarray,
-    settings: _Settings,
+    options: VoteOptions,
     generator: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Hypotheses (K, S, 2) and the share of pixels that point at them (K, S)."""
     keypoints, _, count = units.shape
-    shape = (keypoints, settings.hypotheses)
+    shape = (keypoints, options.hypotheses)
     hypotheses, votes, best = np.zeros((*shape, 2)), np.zeros(shape), np.full(keypoints, -1.0)
     unsure = np.arange(keypoints)
-    for drawn in range(1, settings.rounds + 1):
-        draws = (len(unsure), settings.hypotheses)
+    for drawn in range(1, options.rounds + 1):
+        draws = (len(unsure), options.hypotheses)
         first = generator.integers(count, size=draws)
         second = (first + generator.integers(1, count, size=draws)) % count  # never the same pixel
         guesses, cross = crossings(
@@ -242,7 +237,7 @@ def _ransac(
         chosen = unsure[better]
         hypotheses[chosen], votes[chosen] = guesses[better], shares[better]
         best[chosen] = shares[better].max(1)
-        miss = (1 - best**2) ** (drawn * settings.hypotheses)  # no pair was of two inliers
+        miss = (1 - best**2) ** (drawn * options.hypotheses)  # no pair was of two inliers
         unsure = np.flatnonzero(miss > 1 - _CONFIDENCE)
         if not len(unsure):
             break

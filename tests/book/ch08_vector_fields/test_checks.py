@@ -8,8 +8,8 @@ from torch import Tensor
 from torch.nn.functional import cosine_similarity, normalize
 
 from book.ch08_vector_fields import checks
-from posecore import rotations
-from posecore.methods.vector_field import keypoints, voting
+from posecore import rotations, symmetry
+from posecore.methods.vector_field import voting
 from tests.book.ch08_vector_fields import solutions_of_fields, solutions_of_poses
 from tests.book.ch08_vector_fields.solutions_of_fields import count_one_by_one, cross
 from tests.book.ch08_vector_fields.solutions_of_poses import overlap_one_by_one
@@ -122,6 +122,6 @@ def test_the_library_has_the_same_rule_in_steps(seed: int) -> None:
     steps = 90
     symmetries = torch.eye(4).double().repeat(steps, 1, 1)
     symmetries[:, :3, :3] = checks.about_z(2 * torch.pi * torch.arange(steps).double() / steps)
-    theirs, _ = keypoints.canonical_rotation(R, t, symmetries)
+    theirs, _ = symmetry.canonical_rotation(R, t, symmetries)
     turn = checks.canonical_rotation(R, t).mT @ theirs
     assert torch.allclose(turn, turn[:1].expand_as(turn), atol=2 * torch.pi / steps)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data_tools.batches.compositing import NONE, OUTSIDE, Layers, put_behind, put_in_front
+from data_tools.batches.compositing import NONE, OUTSIDE, Layers, add_occluder, put_behind
 
 
 def layers(seed, channels=3, depth=True, objects=2):
@@ -50,7 +50,7 @@ def test_in_front(world, alone, whole, keep):
     before = image.copy()
     rng = np.random.default_rng(world[0])
     target = int(image.instance[image.instance < OUTSIDE].min(initial=NONE))
-    done = put_in_front(image, target, other, 0 if whole and not alone else None, keep, rng)
+    done = add_occluder(image, target, other, 0 if whole and not alone else None, keep, rng)
     changed = image.instance != before.instance
     assert (image.instance[changed] == NONE).all()
     for slot in range(2):
@@ -70,7 +70,7 @@ def test_cut_outs_are_copied():
     image, other = layers(0), layers(1)
     for seed in range(40):
         result = image.copy()
-        if not put_in_front(result, 0, other, 0, 0.0, np.random.default_rng(seed)):
+        if not add_occluder(result, 0, other, 0, 0.0, np.random.default_rng(seed)):
             continue
         changed = (result.colours["rgb"] != image.colours["rgb"]).any(-1)
         y, x = np.nonzero(other.instance == 0)
@@ -83,5 +83,5 @@ def test_cut_outs_are_copied():
 def test_nothing_to_hide():
     image = layers(0, objects=0)
     before = image.copy()
-    assert not put_in_front(image, 0, None, None, 0.5, np.random.default_rng(0))
+    assert not add_occluder(image, 0, None, None, 0.5, np.random.default_rng(0))
     assert np.array_equal(image.colours["rgb"], before.colours["rgb"])

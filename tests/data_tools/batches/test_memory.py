@@ -3,7 +3,7 @@ import torch
 
 from data_tools import batches
 from data_tools.batches import memory
-from data_tools.batches.files import PIECE
+from data_tools.batches.files import CHUNK_SIZE
 from data_tools.batches.memory import BYTES, machine_memory, require_room
 from tests.data_tools.batches.conftest import Listed, make_view
 
@@ -23,14 +23,14 @@ def test_what_fits_and_what_does_not(monkeypatch):
 
 def test_a_dataset_that_does_not_fit(monkeypatch):
     """It is seen from the first piece, before the others are read."""
-    dataset = Listed([make_view(index) for index in range(PIECE + 1)])
-    monkeypatch.setattr(memory, "machine_memory", lambda: (PIECE + 1) * 24 * 32 * 4)
-    assert len(batches.load(dataset, progress=False)) == PIECE + 1 == dataset.asked
+    dataset = Listed([make_view(index) for index in range(CHUNK_SIZE + 1)])
+    monkeypatch.setattr(memory, "machine_memory", lambda: (CHUNK_SIZE + 1) * 24 * 32 * 4)
+    assert len(batches.load(dataset, progress=False)) == CHUNK_SIZE + 1 == dataset.asked
     dataset.asked = 0
-    monkeypatch.setattr(memory, "machine_memory", lambda: PIECE * 24 * 32 * 4)
+    monkeypatch.setattr(memory, "machine_memory", lambda: CHUNK_SIZE * 24 * 32 * 4)
     with pytest.raises(ValueError, match="^dataset: expected images that fit into .* 65 images"):
         batches.load(dataset, progress=False)
-    assert dataset.asked == PIECE
+    assert dataset.asked == CHUNK_SIZE
 
 
 @pytest.mark.parametrize("limit", ["max\n", "", "4096\n", "1" + "0" * 30])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from data_tools.batches import Augmentation
-from data_tools.batches.sensing import see, sense_depth, tone_table
+from data_tools.batches.sensing import degrade_depth, see, tone_table
 
 OFF = Augmentation.none()
 
@@ -104,13 +104,13 @@ def test_depth(seed):
     metres[:10] = 0
     choices = replace(draws(seed), depth_noise=np.array([0.003]))
     noisy = metres.copy()
-    sense_depth(noisy, choices, 0)
+    degrade_depth(noisy, choices, 0)
     assert not noisy[:10].any(), "nothing appears where there was nothing"
     assert abs((noisy - metres)[10:].std() - 0.012) < 1e-3
     holed = np.full((80, 90), 2.0, np.float32)
-    sense_depth(holed, replace(draws(seed), holes=np.array([True])), 0)
+    degrade_depth(holed, replace(draws(seed), holes=np.array([True])), 0)
     assert 0 < (holed == 0).sum() < holed.size / 2
     assert (holed[holed != 0] == 2).all()
     untouched = metres.copy()
-    sense_depth(untouched, draws(seed), 0)
+    degrade_depth(untouched, draws(seed), 0)
     assert np.array_equal(untouched, metres)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from data_tools import batches
 from data_tools.batches import Augmentation
-from data_tools.batches.files import PIECE
+from data_tools.batches.files import CHUNK_SIZE
 from data_tools.storage import DamageWarning, MakingError, cache_size, clean
 from data_tools.views import ObjectView
 from tests.data_tools.batches.conftest import K, Listed, load, make_view, open_world
@@ -36,7 +36,7 @@ def test_the_second_time_nothing_is_decoded(stack_of, cache, monkeypatch):
     def refuse(*_):
         raise AssertionError("decoded again")
 
-    monkeypatch.setattr("data_tools.batches.stacking.make_piece", refuse)
+    monkeypatch.setattr("data_tools.batches.stacking.make_chunk", refuse)
     again = batches.load(open_world("tabletop"), progress=False)
     assert torch.equal(again.R, stack.R)
     a, b = (s.frames(torch.arange(10)) for s in (stack, again))
@@ -45,11 +45,11 @@ def test_the_second_time_nothing_is_decoded(stack_of, cache, monkeypatch):
 
 def test_what_nothing_identifies_stays_in_memory(tmp_path, monkeypatch):
     monkeypatch.setenv("POSECORE_CACHE", str(tmp_path))
-    source = Listed([make_view(i) for i in range(PIECE + 3)])
+    source = Listed([make_view(i) for i in range(CHUNK_SIZE + 3)])
     stack = batches.load(source, progress=False)
-    assert source.asked == PIECE + 3
-    stack.frames(torch.tensor([0, PIECE + 2]))
-    assert source.asked == PIECE + 3
+    assert source.asked == CHUNK_SIZE + 3
+    stack.frames(torch.tensor([0, CHUNK_SIZE + 2]))
+    assert source.asked == CHUNK_SIZE + 3
     assert not list(tmp_path.iterdir())
 
 
@@ -158,7 +158,7 @@ def test_views_without_objects_fit_in_anywhere():
     """Nothing is known of masks and coordinates there, or all."""
     full = make_view(1, objects=[located(item) for item in make_view(1).objects])
     bare = make_view(2, objects=[ObjectView(object_id=1, R=np.eye(3), t=[0, 0, 1.0])])
-    empty = [make_view(i, 0) for i in range(PIECE)]
+    empty = [make_view(i, 0) for i in range(CHUNK_SIZE)]
     for views in ([full, empty[0]], [empty[0], full], [*empty, full]):
         stack = load(views)
         assert stack.kinds == ("rgb", "instance", "surface")
@@ -166,7 +166,7 @@ def test_views_without_objects_fit_in_anywhere():
         assert batch["coordinates"].any() and (batch["instance"] == 0).sum() == 150
     for views in ([bare, empty[0]], [empty[0], bare], [*empty, bare], [full, bare]):
         assert load(views).kinds == ("rgb",)
-    with pytest.raises(ValueError, match=f"^view {PIECE}: "):
+    with pytest.raises(ValueError, match=f"^view {CHUNK_SIZE}: "):
         load([*empty, make_view(0, rgb=None, depth=np.ones((24, 32), np.float32))])
 
 

@@ -14,7 +14,7 @@ from posecore.methods.vector_field.fields import (
     project_keypoints,
     unit,
 )
-from posecore.methods.vector_field.keypoints import canonical_rotation
+from posecore.symmetry import canonical_rotation
 
 SEEDS = st.integers(0, 2**32 - 1)
 IDS = (5, 2, 9)

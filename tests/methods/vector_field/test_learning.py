@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 import data_tools
 from data_tools import batches
 from posecore import cameras, poses
+from posecore.methods.objects import object_models
 from posecore.methods.vector_field.fields import field_targets
 from posecore.methods.vector_field.learning import Objective, Pool, Windows, _by_object, _by_window
 from posecore.methods.vector_field.losses import VectorFieldLoss
-from posecore.methods.vector_field.models import ObjectModel, object_models
 from posecore.methods.vector_field.network import VectorFieldNet
+from posecore.models import ObjectModel
 from posecore.training import fit, seeded
 
 pytestmark = pytest.mark.slow
@@ -258,10 +259,10 @@ def test_windows_elsewhere(windows, stack, models):
         return batch, float((known & seen).double().mean())
 
     first, always = shown()
-    again, same_share = shown(elsewhere=0.0)
+    again, same_share = shown(background_fraction=0.0)
     assert same(first, again) and always == same_share == 1
-    _, some = shown(elsewhere=0.5)
-    batch, rare = shown(elsewhere=1.0)
+    _, some = shown(background_fraction=0.5)
+    batch, rare = shown(background_fraction=1.0)
     assert rare < some < always and rare < 0.5
     middles = (torch.tensor([11.5, 11.5]) - batch["K"][:, :2, 2]) / batch["K"][:, [0, 1], [0, 1]]
     whole = stack.frames(torch.tensor([0]))["K"][0]
@@ -306,8 +307,8 @@ BAD = [
     ({"shift": np.nan}, "shift"),
     ({"visible": 2}, "visible"),
     ({"zoom": 0}, "zoom"),
-    ({"elsewhere": 1.5}, "elsewhere"),
-    ({"elsewhere": np.nan}, "elsewhere"),
+    ({"background_fraction": 1.5}, "background_fraction"),
+    ({"background_fraction": np.nan}, "background_fraction"),
 ]
 
 
@@ -318,7 +319,7 @@ def test_bad_input(windows, options, name):
 
 
 def test_bad_models(stack, models):
-    other = ObjectModel(77, models[0].points, models[0].keypoints, 0.1)
+    other = ObjectModel(77, models[0].points, 0.1, models[0].keypoints)
     with pytest.raises(ValueError, match=r"^data.*77"):
         Windows(stack, [other], steps=1)
     with pytest.raises(ValueError, match="^models"):

@@ -76,7 +76,7 @@ def test_forward_only_leaves_out_what_points_away(seed):
     p = torch.tensor(rng.normal(size=(40, 2))).requires_grad_()
     g = torch.tensor(rng.normal(0, 30, (40, 2)))
     ahead = (p * g).sum(-1) > 0
-    found = projection_loss(p, g, forward_only=True)
+    found = projection_loss(p, g, ignore_reversed=True)
     (gradient,) = torch.autograd.grad(found, p)
     (expected,) = torch.autograd.grad(ahead.sum() / 40 * projection_loss(p[ahead], g[ahead]), p)
     assert torch.isclose(found, ahead.sum() / 40 * projection_loss(p[ahead], g[ahead]))
@@ -99,15 +99,15 @@ def descend(loss, a, steps=4000):
 @pytest.mark.slow
 def test_the_wall_between_reversed_and_right():
     """With Eq 1 as printed a vector that points away stays so; forward only, it comes round."""
-    for forward_only in (False, True):
+    for ignore_reversed in (False, True):
         off = descend(
-            lambda p, g, forward_only=forward_only: (
+            lambda p, g, ignore_reversed=ignore_reversed: (
                 vector_loss(p, g / g.norm())
-                + 0.05 * projection_loss(p, g, forward_only=forward_only)
+                + 0.05 * projection_loss(p, g, ignore_reversed=ignore_reversed)
             ),
             150.0,
         )
-        assert off < 1 if forward_only else off > 90
+        assert off < 1 if ignore_reversed else off > 90
 
 
 @pytest.mark.parametrize("loss", [vector_loss, projection_loss])
@@ -207,15 +207,15 @@ def test_the_sum(projection, weight):
         torch.testing.assert_close(one, other)
 
 
-@given(done=st.floats(0, 1), begin=st.floats(0, 1))
-def test_it_comes_in_when_it_is_told_to(done, begin):
-    beta = VectorFieldLoss(begin=begin).beta(done)
-    if done < begin:
+@given(done=st.floats(0, 1), warmup=st.floats(0, 1))
+def test_it_comes_in_when_it_is_told_to(done, warmup):
+    beta = VectorFieldLoss(warmup=warmup).beta(done)
+    if done < warmup:
         assert beta == 0
     else:
         assert 0.01 <= beta <= 0.05 + 1e-12
-    assert VectorFieldLoss(begin=begin).beta(1.0) == pytest.approx(0.05)
-    assert VectorFieldLoss(weight=0.3, begin=begin).beta(done) == (0.3 if done >= begin else 0)
+    assert VectorFieldLoss(warmup=warmup).beta(1.0) == pytest.approx(0.05)
+    assert VectorFieldLoss(weight=0.3, warmup=warmup).beta(done) == (0.3 if done >= warmup else 0)
     assert VectorFieldLoss("none", 0.3).beta(done) == 0
     assert VectorFieldLoss().beta(done) == projection_weight(done)
 
@@ -253,8 +253,8 @@ MASK, PREDICTED, TARGETS = case()
         (lambda: VectorFieldLoss(weight="constant"), "weight"),
         (lambda: VectorFieldLoss(weight=-0.01), "weight"),
         (lambda: VectorFieldLoss(weight=None), "weight"),
-        (lambda: VectorFieldLoss(begin=-0.1), "begin"),
-        (lambda: VectorFieldLoss(begin=1.5), "begin"),
+        (lambda: VectorFieldLoss(warmup=-0.1), "warmup"),
+        (lambda: VectorFieldLoss(warmup=1.5), "warmup"),
         (lambda: LOSS(MASK[:1], PREDICTED, TARGETS, 0), "mask"),
         (lambda: LOSS(MASK[..., 1:], PREDICTED, TARGETS, 0), "mask"),
         (lambda: LOSS(MASK[0], PREDICTED, TARGETS, 0), "mask"),

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from posecore.methods.vector_field import masked_fields
-from posecore.methods.vector_field.masked_fields import MaskedFields, look_at
+from posecore.methods.vector_field.masked_fields import MaskedFields, predict_fields
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.training import seeded
 
@@ -107,7 +107,7 @@ def test_a_network_is_looked_at_where_its_masks_are() -> None:
     with torch.no_grad():
         logits, dense = net(images)
     label, sure = logits.argmax(1), logits.softmax(1)
-    fields = look_at(net, images, min_pixels=5, precision="float32")
+    fields = predict_fields(net, images, min_pixels=5, precision="float32")
     found = []
     for image in (0, 1):
         for object in (0, 1):
@@ -171,7 +171,7 @@ def test_a_network_is_looked_at_in_the_precision_of_fit(monkeypatch, precision, 
 
     monkeypatch.setattr(masked_fields, "uses_bfloat16", chosen)
     monkeypatch.setattr(net, "features", spied)
-    fields = look_at(net, torch.rand(2, 3, 16, 24), precision=precision)
+    fields = predict_fields(net, torch.rand(2, 3, 16, 24), precision=precision)
     assert asked == [(precision, torch.device("cpu"), net)]
     assert seen_in == [native if precision == "auto" else precision == "bfloat16"]
     assert all(vectors.dtype == torch.float32 for _, vectors in map(fields.of, range(len(fields))))
@@ -180,4 +180,4 @@ def test_a_network_is_looked_at_in_the_precision_of_fit(monkeypatch, precision, 
 def test_a_precision_that_does_not_exist() -> None:
     net = VectorFieldNet(objects=1, keypoints=4, width=4).eval()
     with pytest.raises(ValueError, match="^precision: expected .*'float8'"):
-        look_at(net, torch.rand(1, 3, 16, 24), precision="float8")
+        predict_fields(net, torch.rand(1, 3, 16, 24), precision="float8")

@@ -54,15 +54,15 @@ def test_sizes_are_the_papers() -> None:
 
 
 @pytest.mark.parametrize(
-    ("width", "most", "outs"),
+    ("width", "max_channels", "outs"),
     [(4, None, (64, 64, 64, 32, 32)), (16, None, (64, 64, 64, 32, 32)),
      (24, None, (96, 64, 64, 32, 32)), (64, None, (256, 128, 64, 32, 32)),
      (80, None, (320, 160, 80, 40, 40)), (128, None, (512, 256, 128, 64, 64)),
      (64, 72, (64, 64, 64, 32, 32)), (64, 160, (80, 80, 64, 32, 32))],
 )  # fmt: skip
-def test_sizes_follow_the_width_but_keep_64_and_at_last_32(width, most, outs) -> None:
+def test_sizes_follow_the_width_but_keep_64_and_at_last_32(width, max_channels, outs) -> None:
     with torch.device("meta"):
-        net = VectorFieldNet(width=width, most=most)
+        net = VectorFieldNet(width=width, max_channels=max_channels)
     assert tuple(getattr(net, name).conv.out_channels for name in DECODER) == outs
     assert net.channels == outs[-1]
 

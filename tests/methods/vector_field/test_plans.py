@@ -9,9 +9,9 @@ from book.ch08_vector_fields import field_training
 from data_tools.batches import Augmentation
 from posecore.methods.vector_field.learning import Objective
 from posecore.methods.vector_field.losses import VectorFieldLoss
-from posecore.methods.vector_field.models import ObjectModel
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.methods.vector_field.plans import PLANS, halved
+from posecore.models import ObjectModel
 from posecore.training import fit, seeded
 from posecore.training.loop import ADAM
 from posecore.training.muon import Muon
@@ -19,11 +19,11 @@ from posecore.training.muon import Muon
 
 def test_the_papers_numbers():
     paper, varied = PLANS["paper"], Augmentation()
-    assert (paper.width, paper.most) == (64, None)
+    assert (paper.width, paper.max_channels) == (64, None)
     assert (paper.window, paper.batch) == ((640, 480), 32)
     assert (paper.lr, paper.epochs, paper.steps) == (1e-4, 200, None)
     assert (paper.optimiser, paper.looks, paper.pixels, paper.augment) == (ADAM, None, None, varied)
-    assert (paper.begin, paper.forward_only) == (0, False)
+    assert (paper.warmup, paper.ignore_reversed) == (0, False)
     assert varied.turn == pytest.approx(math.radians(30))
     assert 1 / varied.zoom <= 0.8 and varied.zoom >= 1.2 and varied.blur > 0
     epochs = [0, 19, 20, 39, 40, 58, 60, 199]  # 58 / 200 * 10 is a little below 2.9
@@ -36,12 +36,12 @@ def test_the_papers_numbers():
 def test_the_books_numbers_are_those_of_its_experiments(monkeypatch):
     monkeypatch.setenv("POSECORE_SCALE", "book")
     book, chapter = PLANS["book"], field_training
-    sizes = chapter.width(), chapter.most()
-    assert (book.width, book.most, book.augment) == (*sizes, chapter.VARIED)
+    sizes = chapter.width(), chapter.max_channels()
+    assert (book.width, book.max_channels, book.augment) == (*sizes, chapter.VARIED)
     assert (book.window, book.batch, book.steps, book.looks) == ((96, 96), 32, 9000, 8)
     assert (book.visible, book.shift, book.pixels) == (0.15, 0.22, 256)
     assert (book.optimiser, book.lr, book.schedule) == (Muon, 8e-3, "cosine")
-    assert (book.begin, book.forward_only) == (0.15, True)
+    assert (book.warmup, book.ignore_reversed) == (0.15, True)
 
 
 @pytest.mark.slow
@@ -50,7 +50,7 @@ def test_a_step_at_paper_scale(rng):
     paper = PLANS["paper"]
     (width, height), K = paper.window, [[572.4, 0, 325.3], [0, 573.6, 242.0], [0, 0, 1]]
     points = rng.uniform(-0.05, 0.05, (300, 3))
-    model = ObjectModel(6, points, points[:9], 0.15)
+    model = ObjectModel(6, points, 0.15, points[:9])
     instance = torch.full((2, height, width), -1)
     instance[:, 200:260, 300:380] = 0
     batch = {

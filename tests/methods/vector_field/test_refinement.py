@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from posecore import cameras, poses
-from posecore.methods.vector_field.models import ObjectModel
 from posecore.methods.vector_field.refinement import (
-    RESIDUAL,
+    RESIDUAL_SCALE,
     FieldRefiner,
     correct_pose,
     overlap,
     refiner_features,
 )
+from posecore.models import ObjectModel
 from posecore.training import seeded
 
 CAMERA = np.array([[120.0, 0, 48], [0, 118, 36], [0, 0, 1]])
@@ -25,7 +25,7 @@ SIZE = (96, 72)
 RNG = np.random.default_rng(0)
 POINTS = RNG.normal(size=(60, 3)) * [0.05, 0.03, 0.04]
 KEYPOINTS = np.concatenate([POINTS[:5], [[0.01, -0.02, 0.005]]])
-MODEL = ObjectModel(3, POINTS, KEYPOINTS, 0.2)
+MODEL = ObjectModel(3, POINTS, 0.2, KEYPOINTS)
 seeds = st.integers(0, 2**31)
 
 
@@ -222,7 +222,7 @@ def test_what_the_network_is_told() -> None:
     pixels = cameras.project(camera, poses.apply(R, t, refiner.points[index])).round()
     vectors, inside = look(pixels)
     known = refiner_features(pixels, vectors, inside, refiner.keypoints[index], R, t, camera)
-    assert torch.allclose(told["f"][..., :-1], known[..., :-1] / RESIDUAL)
+    assert torch.allclose(told["f"][..., :-1], known[..., :-1] / RESIDUAL_SCALE)
     assert torch.equal(told["f"][..., -1], known[..., -1])
 
 

@@ -24,7 +24,7 @@ def test_a_run_holds_all_that_its_models_need(run, source):
     assert found.options == {
         "data": source, "split": "train", "objects": [1, 3], "scale": "tiny", "steps": 12,
         "refiner_steps": 6, "batch": 4, "projection": "pixel", "weight": "dynamic",
-        "begin": 0.15, "forward_only": True, "imagenet": None, "seed": 0,
+        "warmup": 0.15, "ignore_reversed": True, "imagenet": None, "seed": 0,
     }  # fmt: skip
     known = data_tools.open(source, split="train").models()
     for model in found.models:
@@ -48,7 +48,7 @@ def test_run_folders_keep_their_form(tmp_path):
     content = {
         "method": "vector_field",
         "options": {"data": "tabletop", "objects": [3], "scale": "tiny", "weight": 0.05, "seed": 0},
-        "width": 8, "most": None, "refiner_width": 4,
+        "width": 8, "max_channels": None, "refiner_width": 4,
         "models": [model | {"symmetries": None}],
     }  # fmt: skip
     (tmp_path / "run.json").write_text(json.dumps(content))
@@ -89,7 +89,7 @@ def of_another(path):
         ("run.json", change(models=[]), "run.json: damaged"),
         ("run.json", change(models=[{"object_id": 1}]), "run.json: damaged"),
         ("run.json", change(width="8"), "run.json: damaged"),
-        ("run.json", change(most=4), "run.json: damaged"),
+        ("run.json", change(max_channels=4), "run.json: damaged"),
         ("run.json", change(width=16), "net.safetensors: expected the weights of this run"),
         ("run.json", change(refiner_width=8), "refiner.safetensors: expected the weights"),
         ("run.json", change(method="other"), "run.json: damaged"),

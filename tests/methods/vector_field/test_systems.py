@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from posecore import cameras, metrics, poses
 from posecore.methods.vector_field.masked_fields import MaskedFields
-from posecore.methods.vector_field.models import ObjectModel
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.methods.vector_field.refinement import FieldRefiner, overlap
 from posecore.methods.vector_field.systems import STAGES, SYSTEMS, VectorFieldSystem
 from posecore.methods.vector_field.voting import vote_pixels
+from posecore.models import ObjectModel
 from posecore.training import seeded
 
 K = np.array([[130.0, 0, 48], [0, 130, 36], [0, 0, 1]])
@@ -23,7 +23,7 @@ RNG = np.random.default_rng(0)
 POINTS = RNG.normal(size=(300, 3)) * [0.05, 0.03, 0.04]
 POINTS = POINTS[np.abs(POINTS).max(1) < 0.09]
 MODELS = [
-    ObjectModel(number, scale * POINTS, scale * POINTS[[3, 50, 100, 150, 200, 7]], scale * 0.3)
+    ObjectModel(number, scale * POINTS, scale * 0.3, scale * POINTS[[3, 50, 100, 150, 200, 7]])
     for number, scale in ((3, 1.0), (5, 0.8))
 ]
 with seeded(0):

@@ -16,9 +16,9 @@ import data_tools
 from data_tools.bop import read_results
 from posecore.methods import training as every_training
 from posecore.methods.main import main
-from posecore.methods.vector_field import frozen_fields, training
+from posecore.methods.vector_field import predictions, training
 from posecore.methods.vector_field.learning import Objective, Pool, Windows
-from posecore.methods.vector_field.masked_fields import look_at
+from posecore.methods.vector_field.masked_fields import predict_fields
 from posecore.methods.vector_field.plans import PLANS
 from posecore.methods.vector_field.runs import read_run
 from posecore.nets.resnet import ResNet
@@ -71,7 +71,7 @@ def test_windows_are_cut_once(source, tmp_path, monkeypatch, steps):
     assert pool.size == min(4 * steps, shown)
     assert (pool.steps, pool.count, pool.step) == (steps, 4, steps)
     assert given["optimiser"] is Muon
-    assert (given["loss"].begin, given["loss"].forward_only) == (0.15, True)
+    assert (given["loss"].warmup, given["loss"].ignore_reversed) == (0.15, True)
 
 
 def test_a_pool_has_bounds(source, tmp_path, monkeypatch):
@@ -83,24 +83,26 @@ def test_a_pool_has_bounds(source, tmp_path, monkeypatch):
 
 def test_a_plan_without_a_pool(source, tmp_path, monkeypatch):
     plain = dataclasses.replace(
-        PLANS["tiny"], looks=None, begin=0.0, forward_only=False, optimiser=ADAM, visible=0.1
+        PLANS["tiny"], looks=None, warmup=0.0, ignore_reversed=False, optimiser=ADAM, visible=0.1
     )
     monkeypatch.setitem(training.PLANS, "tiny", plain)
     pools, given = taught(monkeypatch, train_words(source, tmp_path))
     assert pools == [] and isinstance(given["batches"], Windows)
     assert (given["batches"].steps, given["batches"].count) == (12, 4)
     assert given["optimiser"] is ADAM
-    assert (given["loss"].begin, given["loss"].forward_only) == (0, False)
-    assert read_run(tmp_path).options["forward_only"] is False
+    assert (given["loss"].warmup, given["loss"].ignore_reversed) == (0, False)
+    assert read_run(tmp_path).options["ignore_reversed"] is False
 
 
 def test_the_loss_that_was_asked_for(source, tmp_path, monkeypatch):
-    words = train_words(source, tmp_path, "--begin", "0.5", "--no-forward-only", "--weight", "0.1")
+    words = train_words(
+        source, tmp_path, "--warmup", "0.5", "--no-ignore-reversed", "--weight", "0.1"
+    )
     loss = taught(monkeypatch, words)[1]["loss"]
-    assert (loss.begin, loss.forward_only, loss.weight) == (0.5, False, 0.1)
+    assert (loss.warmup, loss.ignore_reversed, loss.weight) == (0.5, False, 0.1)
     assert [loss.beta(done) for done in (0, 0.49, 0.5, 1)] == [0, 0, 0.1, 0.1]
     found = read_run(tmp_path).options
-    assert (found["begin"], found["forward_only"]) == (0.5, False)
+    assert (found["warmup"], found["ignore_reversed"]) == (0.5, False)
 
 
 # Stopped, and several processes ------------------------------------------------------------------
@@ -201,9 +203,9 @@ def test_two_processes(run, source, tmp_path, capsys):
         (["--weight", "heavy"], "--weight: expected dynamic"),
         (["--weight", "-1"], "--weight"),
         (["--weight", "nan"], "--weight"),
-        (["--begin", "1.5"], "--begin: expected"),
-        (["--begin", "-0.1"], "--begin: expected"),
-        (["--begin", "nan"], "--begin: expected"),
+        (["--warmup", "1.5"], "--warmup: expected"),
+        (["--warmup", "-0.1"], "--warmup: expected"),
+        (["--warmup", "nan"], "--warmup: expected"),
         (["--device", "moon"], "device"),
         (["--imagenet", "nowhere.pth"], "nowhere.pth"),
         (
@@ -225,8 +227,8 @@ def test_bad_options_of_training(source, tmp_path, capsys, monkeypatch, options,
     "options",
     [
         ["--steps", "13"], ["--refiner-steps", "0"], ["--seed", "1"], ["--objects", "1"],
-        ["--batch", "2"], ["--weight", "0.05"], ["--projection", "unit"], ["--begin", "0.2"],
-        ["--no-forward-only"],
+        ["--batch", "2"], ["--weight", "0.05"], ["--projection", "unit"], ["--warmup", "0.2"],
+        ["--no-ignore-reversed"],
     ],
 )  # fmt: skip
 def test_another_runs_options_are_named(run, source, capsys, options):
@@ -248,9 +250,9 @@ def test_data_without_colours_or_masks(folder, tmp_path, capsys, monkeypatch):
 
 def test_a_field_that_sees_nothing(source, tmp_path, capsys, monkeypatch):
     def blind(net, images):
-        return look_at(net, images, min_pixels=10**6)
+        return predict_fields(net, images, min_pixels=10**6)
 
-    monkeypatch.setattr(frozen_fields, "look_at", blind)
+    monkeypatch.setattr(predictions, "predict_fields", blind)
     words = train_words(source, tmp_path / "run", "--steps", "1")
     assert main(words) == 2
     assert "--steps: expected enough" in capsys.readouterr().err

@@ -12,7 +12,7 @@ from posecore.methods.vector_field import lines, voting
 from posecore.methods.vector_field.lines import FLOOR
 from posecore.methods.vector_field.voting import (
     FITS,
-    UNKNOWN,
+    UNKNOWN_STD,
     count_inliers,
     hypothesis_covariance,
     intersect_lines,
@@ -321,7 +321,9 @@ def test_an_empty_mask(fit):
     assert votes.pixels[1] == 0
     for values in (votes.points, votes.inliers, votes.hypotheses, votes.weights):
         assert (values[1] == 0).all()
-    np.testing.assert_array_equal(votes.covariances[1], np.tile(UNKNOWN**2 * np.eye(2), (9, 1, 1)))
+    np.testing.assert_array_equal(
+        votes.covariances[1], np.tile(UNKNOWN_STD**2 * np.eye(2), (9, 1, 1))
+    )
     np.testing.assert_allclose(votes.points[[0, 2]], keypoints[[0, 2]], atol=1e-6)
     assert_sound(votes)
     nothing = vote_pixels(np.zeros((0, 2)), np.zeros((0, 9, 2)), fit=fit)
@@ -334,7 +336,7 @@ def test_one_pixel(fit):
     votes = vote_pixels([[7.0, 5.0]], [[[1.0, 0.0], [0.0, 0.0]]], fit=fit)
     assert not votes.found and votes.pixels == 1 and (votes.inliers == 0).all()
     np.testing.assert_array_equal(votes.points, [[7, 5], [7, 5]])
-    np.testing.assert_array_equal(votes.covariances, np.tile(UNKNOWN**2 * np.eye(2), (2, 1, 1)))
+    np.testing.assert_array_equal(votes.covariances, np.tile(UNKNOWN_STD**2 * np.eye(2), (2, 1, 1)))
     assert_sound(votes)
 
 
@@ -350,7 +352,9 @@ def test_two_pixels(fit):
     assert votes.inliers.tolist() == [1, 0.5, 0, 0, 0, 0]
     np.testing.assert_array_equal(votes.points[2:], np.tile([5.0, 0.0], (4, 1)))
     np.testing.assert_array_equal(votes.hypotheses[2:], np.tile([5.0, 0.0], (4, 8, 1)))
-    np.testing.assert_array_equal(votes.covariances[2:], np.tile(UNKNOWN**2 * np.eye(2), (4, 1, 1)))
+    np.testing.assert_array_equal(
+        votes.covariances[2:], np.tile(UNKNOWN_STD**2 * np.eye(2), (4, 1, 1))
+    )
     assert votes.found
     assert_sound(votes)
 
@@ -365,7 +369,7 @@ def test_parallel_rays(seed, angle, fit):
     assert not votes.found[0] and (votes.inliers == 0).all() and (votes.weights == 0).all()
     rows, columns = mask[0].nonzero()
     np.testing.assert_allclose(votes.points[0, 0], [columns.mean(), rows.mean()], rtol=1e-6)
-    np.testing.assert_array_equal(votes.covariances[0, 0], UNKNOWN**2 * np.eye(2))
+    np.testing.assert_array_equal(votes.covariances[0, 0], UNKNOWN_STD**2 * np.eye(2))
     assert_sound(votes)
 
 
@@ -382,7 +386,7 @@ def test_fields_of_outliers_only_give_numbers(seed, height, width, objects, fit)
     assert_sound(votes)
     assert (votes.found == (votes.inliers > 0).any(1)).all()
     unknown = votes.inliers == 0
-    assert (votes.covariances[unknown] == (UNKNOWN**2 * np.eye(2))).all()
+    assert (votes.covariances[unknown] == (UNKNOWN_STD**2 * np.eye(2))).all()
 
 
 @pytest.mark.parametrize("fit", FITS)
@@ -403,7 +407,7 @@ def test_a_keypoint_without_vectors_does_not_touch_the_others(fit):
     others = np.arange(9) != 4
     np.testing.assert_allclose(votes.points[0, others], keypoints[0, others], atol=1e-6)
     assert votes.inliers[0, 4] == 0 and votes.found[0]
-    np.testing.assert_array_equal(votes.covariances[0, 4], UNKNOWN**2 * np.eye(2))
+    np.testing.assert_array_equal(votes.covariances[0, 4], UNKNOWN_STD**2 * np.eye(2))
 
 
 @pytest.mark.parametrize("fit", FITS)

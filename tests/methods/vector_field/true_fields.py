@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from posecore import cameras, poses
 from posecore.methods.vector_field.masked_fields import MaskedFields
-from posecore.methods.vector_field.models import ObjectModel
+from posecore.models import ObjectModel
 
 K = torch.tensor([[60.0, 0, 24], [0, 60, 18], [0, 0, 1]]).double()
 RNG = np.random.default_rng(0)
@@ -14,7 +14,7 @@ POINTS = RNG.normal(size=(40, 3)) * [0.05, 0.03, 0.04]
 KEYPOINTS = np.concatenate([POINTS[:5], [[0.01, -0.02, 0.005]]])
 HALF_TURN = np.stack([np.eye(4), np.diag([-1.0, -1, 1, 1])])
 EVEN = np.concatenate([POINTS, POINTS * [-1, -1, 1]])
-MODELS = [ObjectModel(3, POINTS, KEYPOINTS, 0.2), ObjectModel(5, EVEN, KEYPOINTS, 0.2, HALF_TURN)]
+MODELS = [ObjectModel(3, POINTS, 0.2, KEYPOINTS), ObjectModel(5, EVEN, 0.2, KEYPOINTS, HALF_TURN)]
 
 
 def some_poses(seed: int, count: int) -> tuple[torch.Tensor, torch.Tensor]:

@@ -6,10 +6,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from posecore.methods.vector_field import frozen_fields
-from posecore.methods.vector_field.frozen_fields import look_at_views, own_poses, weights_digest
-from posecore.methods.vector_field.masked_fields import MaskedFields, look_at
+from posecore.methods.vector_field import predictions
+from posecore.methods.vector_field.masked_fields import MaskedFields, predict_fields
 from posecore.methods.vector_field.network import VectorFieldNet
+from posecore.methods.vector_field.predictions import initial_poses, predict_views, weights_digest
 from posecore.methods.vector_field.refinement import FieldRefiner
 from posecore.methods.vector_field.refiner_training import RefinerTraining
 from posecore.methods.vector_field.systems import VectorFieldSystem
@@ -56,7 +56,7 @@ def same_fields(one: MaskedFields, other: MaskedFields) -> bool:
 @given(st.integers(1, 20), st.none() | st.integers(1, 25))
 def test_each_view_is_looked_at_once(net: VectorFieldNet, count: int, most: int | None) -> None:
     photos = Photos(count)
-    found = look_at_views(net, photos, most=most)
+    found = predict_views(net, photos, max_images=most)
     asked, some = photos.asked, count if most is None else most
     assert asked == sorted(set(asked)) and len(asked) <= some
     gaps = np.diff([*asked, max(count, asked[-1] + 1)])
@@ -67,7 +67,7 @@ def test_each_view_is_looked_at_once(net: VectorFieldNet, count: int, most: int 
     for n, (fields, batch) in enumerate(found):
         views = asked[8 * n : 8 * n + 8]
         images = photos.rgb[views].contiguous(memory_format=torch.channels_last)
-        assert same_fields(fields, look_at(net, images))
+        assert same_fields(fields, predict_fields(net, images))
         assert set(batch) == {"image", "object_id", "R", "t", "K"}
         assert torch.equal(batch["R"], some_poses(views[0], 2 * len(views))[0])
     assert len(RefinerTraining(found, MODELS)) == 2 * len(asked)  # it sees both everywhere
@@ -75,7 +75,7 @@ def test_each_view_is_looked_at_once(net: VectorFieldNet, count: int, most: int 
 
 def test_views_are_varied_by_the_seed_alone(net: VectorFieldNet) -> None:
     def looks(**options: int) -> MaskedFields:
-        return look_at_views(net, Photos(6), augment=0.5, **options)[0][0]
+        return predict_views(net, Photos(6), augment=0.5, **options)[0][0]
 
     first = looks(seed=3)
     torch.manual_seed(1)
@@ -88,20 +88,20 @@ def test_images_in_which_nothing_is_seen_are_left_out(net, monkeypatch):
 
     def blind(net, images):
         calls.append(len(images))
-        return look_at(net, images, min_pixels=20 if len(calls) == 2 else 10**6)
+        return predict_fields(net, images, min_pixels=20 if len(calls) == 2 else 10**6)
 
-    monkeypatch.setattr(frozen_fields, "look_at", blind)
-    assert [len(batch["K"]) for _, batch in look_at_views(net, Photos(20))] == [8]
+    monkeypatch.setattr(predictions, "predict_fields", blind)
+    assert [len(batch["K"]) for _, batch in predict_views(net, Photos(20))] == [8]
     assert calls == [8, 8, 4]
-    assert look_at_views(net, Photos(3)) == []
+    assert predict_views(net, Photos(3)) == []
 
 
 def test_a_bar_where_it_is_asked_for(net, capsys):
     system = VectorFieldSystem(VectorFieldNet(objects=2, keypoints=6, width=4), MODELS)
     for show, shown in ((False, False), (None, False), (True, True)):
-        look_at_views(net, Photos(2), show=show)
+        predict_views(net, Photos(2), show=show)
         assert ("fields" in capsys.readouterr().err) == shown
-        own_poses(system, [seen(3)], show=show)
+        initial_poses(system, [seen(3)], show=show)
         assert ("poses" in capsys.readouterr().err) == shown
 
 
@@ -109,7 +109,7 @@ def test_a_systems_own_poses() -> None:
     """True fields give true poses; the symmetric object's are those that its field points at."""
     net = VectorFieldNet(objects=2, keypoints=6, width=4)
     parts = [seen(3), seen(4, 5)]
-    own = own_poses(VectorFieldSystem(net, MODELS), parts)
+    own = initial_poses(VectorFieldSystem(net, MODELS), parts)
     for (fields, batch), (R, t) in zip(parts, own, strict=True):
         assert R.dtype == t.dtype == torch.float32 and len(R) == len(fields)
         # Entries are in order of their image, and each image shows one object.
@@ -125,19 +125,24 @@ def test_own_poses_are_those_before_a_refiner() -> None:
         refiner = FieldRefiner(MODELS, width=4, points=20)
         torch.nn.init.normal_(refiner.net.shift[1].bias, std=0.3)
     refining = VectorFieldSystem.named("OPEPL-R", net, MODELS, refiner)
-    ((R, t),) = own_poses(refining, [seen(3)])
-    ((R_plain, t_plain),) = own_poses(VectorFieldSystem(net, MODELS), [seen(3)])
+    ((R, t),) = initial_poses(refining, [seen(3)])
+    ((R_plain, t_plain),) = initial_poses(VectorFieldSystem(net, MODELS), [seen(3)])
     assert torch.equal(R, R_plain) and torch.equal(t, t_plain)
     refined = refining.estimate_fields(seen(3)[0], K)
     assert np.abs(refined[0].t - t[0].numpy()).max() > 1e-3
 
 
 @pytest.mark.parametrize(
-    ("options", "name"), [({"most": 0}, "most"), ({"most": 1.5}, "most"), ({"seed": -1}, "seed")]
+    ("options", "name"),
+    [
+        ({"max_images": 0}, "max_images"),
+        ({"max_images": 1.5}, "max_images"),
+        ({"seed": -1}, "seed"),
+    ],
 )
 def test_bad_input_is_named(net: VectorFieldNet, options: dict[str, float], name: str) -> None:
     with pytest.raises(ValueError, match=rf"^{name}:"):
-        look_at_views(net, Photos(2), **options)
+        predict_views(net, Photos(2), **options)
 
 
 def test_the_digest_tells_weights_apart_and_nothing_else():

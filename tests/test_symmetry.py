@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from posecore import poses
-from posecore.methods.vector_field.keypoints import canonical_rotation, model_keypoints
 from posecore.metrics import add_s
+from posecore.models import model_keypoints
+from posecore.symmetry import canonical_rotation
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import data_tools
-from posecore.methods.vector_field.models import object_models
+from posecore.methods.objects import object_models
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from posecore.randomness import generator_at, reseed
 from posecore.training import seeded
-from posecore.training.randomness import generator_at, reseed
 
 SEEDS = st.integers(0, 2**70)
 

@@ -1,73 +1,75 @@
-"""What a network that is trained says of the training images, kept for what learns from it."""
+"""Predictions of a frozen network on a dataset, cached to train the refiner."""
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from tqdm.auto import tqdm
 
 from data_tools.batches import Augmentation, Stack
 from posecore.arrays import require_integer
-from posecore.methods.vector_field.masked_fields import MaskedFields, look_at
+from posecore.methods.vector_field.masked_fields import MaskedFields, predict_fields
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.methods.vector_field.systems import VectorFieldSystem
 
-__all__ = ["look_at_views", "own_poses", "weights_digest"]
+__all__ = [
+    "initial_poses",
+    "predict_views",
+]
 
-AT_ONCE = 8
-KEPT = ("image", "object_id", "R", "t", "K")
+BATCH_SIZE = 8
+BATCH_KEYS = ("object_id", "R", "t", "K")
 
 
-def look_at_views(
+def predict_views(
     net: VectorFieldNet,
     data: Stack,
     size: tuple[int, int] | None = None,
     *,
-    most: int | None = None,
+    max_images: int | None = None,
     augment: Augmentation | None = None,
     seed: int = 0,
     show: bool | None = None,
 ) -> list[tuple[MaskedFields, dict[str, Tensor]]]:
-    """What a trained network says of whole images, for `RefinerTraining`.
+    """The fields that a trained network predicts for whole images, for `RefinerTraining`.
 
-    The network computes where it is (`look_at`); the fields come to the CPU.
+    The network computes where it is (`predict_fields`); the fields come to the CPU.
 
     Args:
         net: in evaluation mode, as `fit` leaves it.
         data: with colour images.
         size: (width, height) of the images; None for the data's.
-        most: look at no more images than so many, evenly over the data, whose parts may differ.
+        max_images: no more images than so many, evenly over the data, whose parts may differ.
         augment: each image is varied once; None for none.
         seed: of the variations.
         show: a progress bar; by default in a terminal.
 
     Returns:
         Of each batch of images in which the network sees something its fields, and the true
-        "image", "object_id", "R" and "t" of the objects in it, and "K" of the images.
+        "object_id", "R" and "t" of the objects in it, and "K" of the images.
 
     Raises:
         ValueError: if a number is out of range.
     """
     step = 1
-    if most is not None:
-        step = max(1, math.ceil(len(data) / require_integer("most", most, 1)))
+    if max_images is not None:
+        step = max(1, math.ceil(len(data) / require_integer("max_images", max_images, 1)))
     generator = torch.Generator().manual_seed(require_integer("seed", seed, 0))
-    views = torch.arange(0, len(data), step).split(AT_ONCE)
+    views = torch.arange(0, len(data), step).split(BATCH_SIZE)
     seen = []
     for some in tqdm(views, desc="fields", disable=None if show is None else not show):
         batch = data.frames(some, size, augment=augment, generator=generator)
-        fields = look_at(net, batch["rgb"])
+        fields = predict_fields(net, batch["rgb"])
         if len(fields):
-            seen.append((fields.to("cpu"), {name: batch[name] for name in KEPT}))
+            seen.append((fields.to("cpu"), {name: batch[name] for name in BATCH_KEYS}))
     return seen
 
 
-def own_poses(
+def initial_poses(
     system: VectorFieldSystem,
     seen: Sequence[tuple[MaskedFields, Mapping[str, Tensor]]],
     show: bool | None = None,
@@ -79,7 +81,7 @@ def own_poses(
 
     Args:
         system: of the network that the fields are from.
-        seen: as `look_at_views` returns it.
+        seen: as `predict_views` returns it.
         show: a progress bar; by default in a terminal.
 
     Returns:
@@ -91,14 +93,3 @@ def own_poses(
         R, t = (torch.from_numpy(np.stack(part)).float() for part in zip(*firsts, strict=True))
         found.append((R, t))
     return found
-
-
-def weights_digest(net: nn.Module) -> str:
-    """16 hexadecimal digits of a network's weights, for what belongs to it and to no other.
-
-    A refiner learns from the fields of one network; resumed beside another it would go on wrongly.
-    """
-    total = hashlib.sha256()
-    for name, value in net.state_dict().items():
-        total.update(name.encode() + value.cpu().contiguous().numpy().tobytes())
-    return total.hexdigest()[:16]
