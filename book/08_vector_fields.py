@@ -52,7 +52,7 @@ draw.question(crowd, behind.mask, behind.full_mask, hidden)
 # | 3 | PVNet's loss and the paper's, and what their gradients do | `losses` |
 # | 4 | the network, with arrows only where they count | `network`, `nets.resnet` |
 # | 5 | from votes to a pose, with noise of two kinds | `registration.uncertainty_pnp` |
-# | 6 | a training, live | `learning`, `training.fit` |
+# | 6 | a training, live | `recipe`, `training.fit` |
 # | 7 | from a picture to poses | `systems` |
 # | 8 | a refiner, and the rule when to let it | `refinement`, `nets.pose_refiner` |
 # | 9 | what goes right and wrong, and why | `metrics` |
@@ -361,7 +361,10 @@ fair = towards_the_tip(np.array(fair))
 print(f"least angles: {fair.mean():.2f} +- {fair.std():.2f} px")
 assert abs(fair.mean()) < 0.3 * abs(short.mean())
 
-voted = [voting.vote_pixels(pixels, u_all[:, None], fit="angles").points[0] for u_all in draws]
+voted = [
+    voting.vote_pixels(pixels, u_all[:, None], voting.VoteOptions(fit="angles")).points[0]
+    for u_all in draws
+]
 voted = towards_the_tip(np.array(voted))
 print(f"the library's angles: {voted.mean():.2f} +- {voted.std():.2f} px")
 assert abs(voted.mean()) < 0.3 * abs(short.mean())
@@ -476,7 +479,7 @@ true_rays = unit(x_both - pixels[:, None])  # (P, 2, 2): pixel, keypoint, x and 
 
 def noisy_votes(noise, seed):
     off = np.random.default_rng(seed).normal(0, noise, true_rays.shape[:2])
-    return voting.vote_pixels(pixels, turned(true_rays, off), seed=seed)
+    return voting.vote_pixels(pixels, turned(true_rays, off), voting.VoteOptions(seed=seed))
 
 
 cases = {"knob": {}, "tip": {}}
@@ -1482,7 +1485,7 @@ def spoilt(degrees, alike, rng):
 def errors_at(degrees, alike, seed):
     """Keypoints, pixels; then degrees and millimetres of PnP with covariances and without."""
     field_now = spoilt(degrees, alike, np.random.default_rng(seed))
-    votes = voting.vote_pixels(places, field_now, seed=seed)
+    votes = voting.vote_pixels(places, field_now, voting.VoteOptions(seed=seed))
     result = [np.linalg.norm(votes.points - x, axis=-1).mean()]
     for found in (
         uncertainty_pnp(photo.keypoints, votes.points, votes.covariances, photo.K),
@@ -1530,7 +1533,7 @@ charts.noise(noises, errors)
 single_noise = spoilt(4.0, False, np.random.default_rng(0))
 inward, farther = {}, {}
 for fit in ("lines", "angles"):
-    votes = voting.vote_pixels(places, single_noise, fit=fit)
+    votes = voting.vote_pixels(places, single_noise, voting.VoteOptions(fit=fit))
     inward[fit] = ((votes.points - x) * fields.unit(places.mean(0) - x)).sum(-1).mean()
     found = pnp(photo.keypoints, votes.points, photo.K)
     farther[fit] = 1000 * (np.linalg.norm(found.t) - np.linalg.norm(photo.t))
@@ -1585,27 +1588,24 @@ assert vase.symmetric and not drill.symmetric and not teapot_model.symmetric
 #
 # An object fills a small part of a picture, and all the rest teaches little more than "background".
 # What the network says of a pixel depends on what is around it, wherever it lies. So let it learn
-# from **windows**, each cut around an object that is anywhere in it. Every window is varied: turned
+# from **windows** (random crops), each cut around an object that is anywhere in it. Every window is varied: turned
 # about the camera's axis, zoomed, with other colours, another background, things put in front. And
 # at book scale the network looks at pictures made smaller, 224 x 168 in place of 320 x 240: a
 # window that shows as much costs half as much.
 
 # %%
-from posecore.methods.vector_field.learning import Objective, Pool, Windows
-
-tables = training.stack("easy")
+tables, recipe = training.stack("easy"), training.recipe()
 size, zoom = choose(tiny=64, book=64, paper=256), training.size()[0] / tables.size[0]
-windows = Windows(
-    tables, three, steps=choose(tiny=4, book=64, paper=64), count=16, size=size, zoom=zoom,
-    seed=1, augment=training.VARIED,
-)  # fmt: skip
-batch = next(iter(windows))
+windows = batches.RandomCrops(
+    tables, training.OBJECTS, size=size, zoom=zoom, augment=recipe.augment
+)
+batch = next(iter(batches.Batches(windows.draw, seed=1, count=16)))
 assert batch["rgb"].shape == (16, 3, size, size)
 print(f"images of {training.size()}, windows of {size} x {size}")
 
 # %% [markdown]
-# A batch has for each window the picture, the camera, and a row for each of its objects. Masks and
-# poses go along with all variations. From them follows what the network is to say. Here it is for four
+# A batch has for each window the picture, the camera, and a row for each of its objects (of -1 where
+# there are fewer). Masks and poses go along with all variations. From them follows what the network is to say. Here it is for four
 # windows: what each pixel is, and the arrows to keypoint 0.
 
 
@@ -1672,7 +1672,7 @@ assert np.allclose(asked, asked[0], atol=0.1)
 # other, not with the figure below.)
 #
 # To spare you the wait for two thousand training pictures, it learns from the pictures of `easy`.
-# So look at it background_fraction: at the forty least hidden teapots of `occluded`, on tables that it has not
+# So look at it elsewhere: at the forty least hidden teapots of `occluded`, on tables that it has not
 # seen.
 
 
@@ -1689,9 +1689,10 @@ def look(net, whole):
 def truth_of(row):
     """A picture of `occluded`; of a teapot in it the true mask and the true arrows, as `look`."""
     whole = training.frames("occluded", crowds.view[row][None])
-    slot = (whole["row"] == row).nonzero()[0, 0]
+    slot = (whole["row"][0] == row).nonzero()[0, 0]
     mask = (whole["instance"][0] == slot).numpy()
-    R, t, K = (whole[key][i].double().numpy() for key, i in (("R", slot), ("t", slot), ("K", 0)))
+    R, t = (whole[key][0, slot].double().numpy() for key in ("R", "t"))
+    K = whole["K"][0].double().numpy()
     rows, columns = np.nonzero(mask)
     arrows = np.zeros((*mask.shape, 2, 2))
     ends = fields.project_keypoints(teapot_model.keypoints, R, t, K)[[0, 8]]
@@ -1711,23 +1712,21 @@ def look_at_all(net):
 
 
 # %%
+from posecore.methods.vector_field.objective import Objective
 from posecore.training import fit
-from posecore.training.muon import Muon
 
 steps, count = choose(tiny=20, book=300, paper=300), choose(tiny=4, book=16, paper=16)
 trial = training.new_net(seed=1)
+pool = batches.CropPool(windows, batches=choose(tiny=4, book=64, paper=64), count=16, seed=1)
 
 # %%
 stages = {"at first": look_at_all(trial)}
 history = fit(
     trial,
-    Pool(windows, steps=steps, count=count),
+    batches.Batches(pool.draw, steps=steps, seed=0, count=count),
     Objective(three, losses.VectorFieldLoss(warmup=0.15, ignore_reversed=True)),
     steps=steps,
-    lr=choose(tiny=1e-3, book=8e-3, paper=1e-3),
-    optimiser=Muon,
-    schedule="cosine",
-    clip=10.0,
+    **recipe.fit_field,  # learning rate, optimiser, schedule
     device="cpu",
 )
 
@@ -1800,8 +1799,8 @@ with torch.no_grad():
     said = net(first["rgb"])
 label = said.mask[0].argmax(0)  # (H, W)
 K = first["K"][0].double().numpy()
-slot = (first["object_id"] == 5).nonzero()[0, 0]
-truth = first["R"][slot].double().numpy(), first["t"][slot].double().numpy()
+slot = (first["object_id"][0] == 5).nonzero()[0, 0]
+truth = first["R"][0, slot].double().numpy(), first["t"][0, slot].double().numpy()
 x = fields.project_keypoints(teapot_model.keypoints, *truth, K)
 
 true_mask = first["instance"][0] == slot
@@ -1827,7 +1826,9 @@ looks.seen(rgb, label.numpy(), names, mask.numpy(), tip, x[0])
 # compares it with PVNet's, of lines.)
 
 # %%
-votes = voting.vote(mask[None], said.vectors[0, 2:], fit="angles")  # of one object
+votes = voting.vote(
+    mask[None], said.vectors[0, 2:], voting.VoteOptions(fit="angles")
+)  # of one object
 points, Sigma = (part[0].double().numpy() for part in (votes.points, votes.covariances))
 off = np.linalg.norm(points - x, axis=-1)
 long = np.sqrt(np.linalg.eigvalsh(Sigma)[:, 1])
@@ -1892,12 +1893,9 @@ for name, pose in by_hand.items():
 
 # %%
 from posecore.methods.vector_field.masked_fields import predict_fields
-from posecore.methods.vector_field.systems import VectorFieldSystem
 
-opepl = VectorFieldSystem.named("OPEPL", net, three, fit="angles")
-seen = predict_fields(
-    net, first["rgb"], precision="float32"
-)  # masks, and arrows at their pixels only
+opepl = training.recipe().system("OPEPL", net, three)
+seen = predict_fields(net, first["rgb"], precision="float32")  # arrows in the masks only
 estimates = opepl.estimate_fields(seen, first["K"])
 for estimate in estimates:
     if estimate.object_id == 5 and by_hand["weighed"] is not None and estimate.score > 0:
@@ -1927,25 +1925,9 @@ looks.pose(rgb, K, drawn, f"Boxes are around what was found: {known}.")
 # PnP get it right, and what is a typical error?
 
 # %%
-from book.ch08_vector_fields import comparison, outcomes
+from book.ch08_vector_fields import comparison
+from posecore.methods.outcomes import outcomes, recall, recall_by
 
-
-def rows_of(split):
-    """(view, object id) -> row of the stack, of all objects that count."""
-    data, rows = training.stack(split), {}
-    for model in three:  # in the order of `outcomes`
-        for row in data.rows(object_id=model.object_id, visible=outcomes.LEAST_VISIBLE).tolist():
-            rows[int(data.view[row]), model.object_id] = row
-    return rows
-
-
-def judged(split, found):
-    """What became of each object, by view and object id, given the poses that were found."""
-    done = outcomes.outcomes(training.stack(split), found)
-    return dict(zip(rows_of(split), done, strict=True))
-
-
-# %%
 found = comparison.run(opepl, "easy")  # (view, object id) -> estimate
 pairs = {"all alike": {}, "weighed": {}}
 for (view, number), one in found.items():
@@ -1956,13 +1938,12 @@ for (view, number), one in found.items():
 
 # %%
 for name, pair in pairs.items():
-    done = judged("easy", pair)
-    right = outcomes.recall(list(done.values()))
+    done = outcomes(tables, three, pair).values()  # of each object what became of it
+    right = recall(done)
     print(f"{name:10} right {right:.1f} %", end=": ")
-    for model, known in zip(three, names, strict=True):
-        own = [outcome for (_, number), outcome in done.items() if number == model.object_id]
-        print(f"{known} {outcomes.recall(own):.0f}", end=", ")
-    print(f"median ADD(-S) {np.median([outcome.add for outcome in done.values()]):.1%}")
+    for number, share in recall_by(done, lambda one: one.object_id).items():
+        print(f"{names[training.OBJECTS.index(number)]} {100 * share:.0f}", end=", ")
+    print(f"median ADD(-S) {np.median([outcome.add for outcome in done]):.1%}")
 if scale() == "book":
     assert right > 50
 
@@ -2009,7 +1990,7 @@ paper_fps = {1: 24, 2: 22, 3: 20}  # Table 4
 total = {}
 print("objects   network  voting     PnP   in all    a second   paper")
 for n in (1, 2, 3):
-    part = VectorFieldSystem.named("OPEPL", speed.part_of(net, n), three[:n], fit="angles")
+    part = training.recipe().system("OPEPL", speed.part_of(net, n), three[:n])
     total[n], *each = np.median(timed(part), axis=0)
     each = "".join(f"{value:8.1f}" for value in each[:3])
     print(f"{n:7} {each} {total[n]:8.1f} {1000 / total[n]:9.0f} {paper_fps[n]:8}")
@@ -2037,14 +2018,13 @@ from itertools import pairwise
 from posecore import rotations
 from posecore.methods.vector_field import refinement
 from posecore.methods.vector_field.masked_fields import MaskedFields
+from posecore.refinement import correct_pose
 
 refiner = load_or_train(experiments, "refiner", comparison.new_refiner())
 teapot_points = refiner.points[2].double().numpy()  # (N, 3), chosen by farthest point sampling
 centre = teapot_model.keypoints[-1]
 turn = rotations.axis_angle_to_matrix(np.radians(18) * np.array([0.6, 0, 0.8]))
-wrong = refinement.correct_pose(
-    *truth, centre, teapot_model.diameter, turn, np.array([0.05, -0.02, 0.02])
-)
+wrong = correct_pose(*truth, centre, teapot_model.diameter, turn, np.array([0.05, -0.02, 0.02]))
 print(f"ADD {off_by(teapot_model, wrong, truth):.1%} of the diameter")
 
 # %% [markdown]
@@ -2170,32 +2150,30 @@ assert np.isclose(hit.mean(), library)
 # refinement, `first`, and with the overlap.
 
 # %%
-opepl_r = VectorFieldSystem.named("OPEPL-R", net, three, refiner, fit="angles")
+opepl_r = training.recipe().system("OPEPL-R", net, three, refiner)
 refined = {split: comparison.run(opepl_r, split) for split in comparison.SPLITS}
 systems = {
     "OPEPL": lambda one: one.first,
     "OPEPL-R": lambda one: (one.R, one.t),
-    "OPEPL-DR": lambda one: (one.R, one.t) if one.overlap > comparison.THRESHOLD else one.first,
+    "OPEPL-DR": lambda one: (one.R, one.t) if one.overlap > recipe.threshold else one.first,
 }
 results = {}  # (system, split) -> (view, object id) -> outcome
 for name, chosen in systems.items():
     for split, estimates in refined.items():
         picked = {key: chosen(one) for key, one in estimates.items()}
-        results[name, split] = judged(split, picked)
+        results[name, split] = outcomes(training.stack(split), three, picked)
 
 # %%
-discriminative = VectorFieldSystem.named("OPEPL-DR", net, three, refiner, fit="angles")
+discriminative = training.recipe().system("OPEPL-DR", net, three, refiner)
 for one in discriminative.estimate(first["rgb"], first["K"]):
-    assert one.refined == (one.overlap > comparison.THRESHOLD)
+    assert one.refined == (one.overlap > recipe.threshold)
 
 print(f"{'':10}{'easy':>8}{'occluded':>10}   right, %")
 for name in systems:
-    easy_right, hard_right = (
-        outcomes.recall(list(results[name, split].values())) for split in comparison.SPLITS
-    )
+    easy_right, hard_right = (recall(results[name, split].values()) for split in comparison.SPLITS)
     print(f"{name:10}{easy_right:8.1f}{hard_right:10.1f}")
 for split, estimates in refined.items():
-    large = np.mean([one.overlap > comparison.THRESHOLD for one in estimates.values()] or [0])
+    large = np.mean([one.overlap > recipe.threshold for one in estimates.values()] or [0])
     print(f"{split}: OPEPL-DR refines {large:.0%}")
 
 # %% [markdown]
@@ -2226,7 +2204,7 @@ order = sorted((key for key in found if key in done), key=lambda key: found[key]
 right = [key for key in order if done[key].right] or order
 cases = {}
 for key in [right[-1], right[0]] if right else []:
-    name, row = names[training.OBJECTS.index(key[1])], rows_of("occluded")[key]
+    name, row = names[training.OBJECTS.index(key[1])], done[key].row
     title = f"{name}, overlap {found[key].overlap:.0%}"
     cases[title] = overlapping(*key)
     true_pose = crowds.R[row].numpy(), crowds.t[row].numpy()
@@ -2271,12 +2249,12 @@ charts.mended(before, after, overlaps, 0.8)
 at = np.linspace(0, 1, 41)
 shares = {}
 for split, estimates in refined.items():
-    never, always = (list(results[name, split].items()) for name in ("OPEPL", "OPEPL-R"))
+    never, always = (results[name, split] for name in ("OPEPL", "OPEPL-R"))
     for level in at:
         large = {key for key, one in estimates.items() if one.overlap > level}
-        mixed = [a if key in large else n for (key, n), (_, a) in zip(never, always, strict=True)]
-        shares.setdefault(split, []).append(outcomes.recall(mixed))
-    assert np.isclose(shares[split][-1], outcomes.recall([one for _, one in never]))
+        mixed = [always[key] if key in large else one for key, one in never.items()]
+        shares.setdefault(split, []).append(recall(mixed))
+    assert np.isclose(shares[split][-1], recall(never.values()))
 shares = {split: np.array(values) for split, values in shares.items()}
 charts.thresholds(at, shares, 0.8)
 
@@ -2297,7 +2275,7 @@ charts.thresholds(at, shares, 0.8)
 # %%
 def shown(split, key):
     """What the gallery needs of one object: picture, camera, model, true pose, estimate."""
-    data, row = training.stack(split), rows_of(split)[key]
+    data, row = training.stack(split), results["OPEPL-DR", split][key].row
     frame = training.frames(split, torch.tensor([key[0]]))["rgb"][0].permute(1, 2, 0).numpy()
     one = refined[split].get(key)
     pose = None if one is None else systems["OPEPL-DR"](one)
@@ -2331,15 +2309,17 @@ charts.gallery(panels)
 
 
 # %%
+from collections import Counter
+
+
 def by_visible_part(name):
     """The percentage right of a system in each bin of the visible part; how many there are."""
     done = [o for split in comparison.SPLITS for o in results[name, split].values()]
-    last, right, counts = comparison.BINS[-1], [], []
-    for low, high in pairwise(comparison.BINS):
-        some = [o.right for o in done if low <= o.visible and (o.visible < high or high == last)]
-        right.append(100 * np.mean(some) if some else np.nan)
-        counts.append(len(some))
-    return np.array(right), counts
+    shares = recall_by(done, comparison.visible_bin)
+    counts = Counter(comparison.visible_bin(one) for one in done)
+    bins = list(pairwise(comparison.BINS))
+    right = np.array([100 * shares.get(between, np.nan) for between in bins])
+    return right, [counts[between] for between in bins]
 
 
 lines = {name: by_visible_part(name)[0] for name in systems}
@@ -2365,7 +2345,8 @@ charts.by_visibility(comparison.BINS, lines, counts)
 # %%
 def apart(split, key):
     """Along the ray (too far) and across, in diameters, of OPEPL; the object's size in pixels."""
-    data, row, model = training.stack(split), rows_of(split)[key], model_of[key[1]]
+    row, model = results["OPEPL", split][key].row, model_of[key[1]]
+    data = training.stack(split)
     R, t = refined[split][key].first
     c = data.R[row].numpy() @ model.keypoints[-1] + data.t[row].numpy()
     gap = (R @ model.keypoints[-1] + t - c) / model.diameter

@@ -274,7 +274,9 @@ assert (best - keypoint).norm() < 8
 
 # %%
 middle = pixels.mean(0)
-draws = [voting.vote_pixels(pixels, vectors[:, None], seed=seed) for seed in range(8)]
+draws = [
+    voting.vote_pixels(pixels, vectors[:, None], voting.VoteOptions(seed=seed)) for seed in range(8)
+]
 winners = torch.stack([votes.hypotheses[0][votes.weights[0].argmax()] for votes in draws])
 refined = torch.stack([votes.points[0] for votes in draws])
 for name, points_found in (("winner", winners), ("least squares", refined)):

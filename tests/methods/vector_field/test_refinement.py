@@ -13,7 +13,6 @@ from posecore import cameras, poses
 from posecore.methods.vector_field.refinement import (
     RESIDUAL_SCALE,
     FieldRefiner,
-    correct_pose,
     overlap,
     refiner_features,
 )
@@ -100,59 +99,6 @@ def test_nothing_is_expected_of_keypoints_behind_the_camera() -> None:
     )
     ahead = np.abs(features[:, :-1].reshape(4, 6, 2)).sum((0, 2)) > 0
     assert np.isfinite(features).all() and np.array_equal(ahead, ~behind)
-
-
-@settings(max_examples=30, deadline=None)
-@given(seeds)
-def test_corrections_are_about_the_centre(seed: int) -> None:
-    R, t = pose(seed)
-    turn, _ = pose(seed + 1)
-    rng = np.random.default_rng(seed)
-    centre, diameter, s = rng.normal(size=3) * 0.02, 0.17, rng.normal() * 0.3
-    across = rng.normal(size=2) * 0.1
-
-    def middle(R: np.ndarray, t: np.ndarray) -> np.ndarray:
-        return R @ centre + t
-
-    still = correct_pose(R, t, centre, diameter, np.eye(3), np.zeros(3))
-    assert np.array_equal(still[0], R) and np.allclose(still[1], t, rtol=0, atol=1e-15)
-    turned = correct_pose(R, t, centre, diameter, turn, np.zeros(3))
-    assert np.allclose(turned[0], turn @ R, rtol=0, atol=1e-15)
-    assert np.allclose(middle(*turned), middle(R, t), rtol=0, atol=1e-15)
-    shifted = correct_pose(R, t, centre, diameter, turn, [*across, 0])
-    step = np.array([*across, 0]) * diameter
-    assert np.allclose(middle(*shifted) - middle(R, t), step, rtol=0, atol=1e-15)
-    farther = correct_pose(R, t, centre, diameter, turn, [0, 0, s])
-    assert np.allclose(middle(*farther), np.exp(s) * middle(R, t), rtol=1e-14, atol=0)
-
-
-@settings(max_examples=20, deadline=None)
-@given(seeds, st.floats(0.2, 5), st.floats(0.3, 3))
-def test_size_and_distance_do_not_change_the_correction(
-    seed: int, size: float, distance: float
-) -> None:
-    """The same correction makes the same difference, relative to the object, in the picture."""
-    R, t = pose(seed)
-    turn = Rotation.from_rotvec(np.random.default_rng(seed).normal(size=3) * 0.1).as_matrix()
-    shift = np.array([0.05, -0.02, 0.1])
-    centre, zero = KEYPOINTS[-1], np.zeros(3)
-    _, one = correct_pose(R, t, centre, 0.2, turn, shift)
-    _, other = correct_pose(R, size * t, size * centre, size * 0.2, turn, shift)
-    assert np.allclose(other, size * one, rtol=1e-13, atol=0)  # a larger one, as much farther
-    for away in (1.0, distance):
-        R_2, t_2 = correct_pose(R, away * t, zero, 0.2, turn, [0, 0, 0.1])
-        assert np.allclose(t_2 / (away * t), np.exp(0.1), rtol=1e-14)
-        assert np.allclose(R_2, turn @ R, rtol=0, atol=1e-15)
-
-
-def test_derivatives_are_those_of_finite_differences() -> None:
-    R, t = (torch.from_numpy(value) for value in pose(0))
-    turn = torch.from_numpy(pose(1)[0]).requires_grad_()
-    shift = torch.tensor([0.1, -0.2, 0.3], dtype=torch.float64, requires_grad=True)
-    centre, diameter = torch.from_numpy(KEYPOINTS[-1]), torch.tensor(0.2, dtype=torch.float64)
-    assert torch.autograd.gradcheck(
-        lambda turn, shift: correct_pose(R, t, centre, diameter, turn, shift), (turn, shift)
-    )
 
 
 def arguments(count: int, dtype: torch.dtype = torch.float32) -> tuple[torch.Tensor, ...]:

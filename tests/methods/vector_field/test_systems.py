@@ -14,7 +14,7 @@ from posecore.methods.vector_field.masked_fields import MaskedFields
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.methods.vector_field.refinement import FieldRefiner, overlap
 from posecore.methods.vector_field.systems import STAGES, SYSTEMS, VectorFieldSystem
-from posecore.methods.vector_field.voting import vote_pixels
+from posecore.methods.vector_field.voting import VoteOptions, vote_pixels
 from posecore.models import ObjectModel
 from posecore.training import seeded
 
@@ -100,13 +100,13 @@ def test_the_vote_fits_what_it_is_told_to() -> None:
     noisy, _ = clean(4, noise=0.05)
     found = {}
     for fit in ("lines", "angles"):
-        system = VectorFieldSystem.named("OPEPL", NET, MODELS, fit=fit)
+        system = VectorFieldSystem.named("OPEPL", NET, MODELS, voting=VoteOptions(fit=fit))
         found[fit] = system.estimate_fields(noisy, K)
         for entry, estimate in enumerate(found[fit]):
-            vote = vote_pixels(*(part.double() for part in noisy.of(entry)), fit=fit)
+            vote = vote_pixels(*(part.double() for part in noisy.of(entry)), VoteOptions(fit=fit))
             assert np.array_equal(estimate.keypoints, vote.points)
             assert np.array_equal(estimate.covariances, vote.covariances)
-    assert VectorFieldSystem(NET, MODELS).fit == "lines"
+    assert VectorFieldSystem(NET, MODELS).voting == VoteOptions()
     for one, other in zip(found["lines"], found["angles"], strict=True):
         assert one.score == other.score
         assert not np.array_equal(one.t, other.t)
@@ -187,7 +187,7 @@ def test_every_mask_has_an_answer(kind: str) -> None:
 def test_images_go_through_the_network() -> None:
     generator = torch.Generator().manual_seed(0)
     images = torch.rand(2, 3, 24, 32, generator=generator)
-    system = VectorFieldSystem(NET, MODELS, min_pixels=5, hypotheses=8)
+    system = VectorFieldSystem(NET, MODELS, min_pixels=5, voting=VoteOptions(hypotheses=8))
     found = system.estimate(images, K)
     again = system.estimate(images.numpy(), np.stack([K, K]))
     assert found and len(found) == len(again)
@@ -216,10 +216,7 @@ FIELDS = clean(0)[0]
         (lambda: VectorFieldSystem(NET, MODELS[::-1], refiner()), "refiner"),
         (lambda: VectorFieldSystem(NET, MODELS, threshold=1.5), "threshold"),
         (lambda: VectorFieldSystem(NET, MODELS, min_pixels=0), "min_pixels"),
-        (lambda: VectorFieldSystem(NET, MODELS, hypotheses=0), "hypotheses"),
-        (lambda: VectorFieldSystem(NET, MODELS, seed=-1), "seed"),
-        (lambda: VectorFieldSystem(NET, MODELS, fit="points"), "fit"),
-        (lambda: VectorFieldSystem.named("OPEPL", NET, MODELS, fit=None), "fit"),
+        (lambda: VectorFieldSystem(NET, MODELS, voting={"hypotheses": 8}), "voting"),
         (lambda: VectorFieldSystem.named("PVNet", NET, MODELS), "name"),
         (lambda: SYSTEM.estimate(IMAGES[0], K), "images"),
         (lambda: SYSTEM.estimate(IMAGES[:, :2], K), "images"),

@@ -13,6 +13,7 @@ from posecore.methods.vector_field.lines import FLOOR
 from posecore.methods.vector_field.voting import (
     FITS,
     UNKNOWN_STD,
+    VoteOptions,
     count_inliers,
     hypothesis_covariance,
     intersect_lines,
@@ -68,7 +69,7 @@ def test_clean_fields_give_the_keypoints(seed, objects, pixels, fit):
     mask, vectors, keypoints, _ = scene(seed, objects)
     if not pixels:
         vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=2, keepdims=True), 1e-9)
-    votes = vote(mask, vectors.astype(np.float32), fit=fit)
+    votes = vote(mask, vectors.astype(np.float32), VoteOptions(fit=fit))
     np.testing.assert_allclose(votes.points, keypoints, atol=1e-3)
     assert votes.points.dtype == np.float32 and votes.found.all()
     np.testing.assert_array_equal(votes.pixels, mask.sum((1, 2)))
@@ -77,7 +78,7 @@ def test_clean_fields_give_the_keypoints(seed, objects, pixels, fit):
         votes.covariances, np.broadcast_to(FLOOR**2 * np.eye(2), (objects, 9, 2, 2)), atol=1e-4
     )
     assert_sound(votes)
-    exact = vote(mask, vectors, fit=fit)  # float64
+    exact = vote(mask, vectors, VoteOptions(fit=fit))  # float64
     np.testing.assert_allclose(exact.points, keypoints, atol=1e-9)
 
 
@@ -92,7 +93,7 @@ def test_keypoints_on_a_pixel_and_far_outside_of_the_image(seed, fit):
     angle = rng.uniform(-np.pi, np.pi)
     keypoints[0, 1] = 30 + 500 * np.cos(angle), 30 + 500 * np.sin(angle)
     keypoints[0, 2] = -1, -1
-    votes = vote(mask, field(keypoints, 60, 80), fit=fit)
+    votes = vote(mask, field(keypoints, 60, 80), VoteOptions(fit=fit))
     np.testing.assert_allclose(votes.points, keypoints, atol=1e-6)
     assert votes.inliers[0, 0] == pytest.approx(
         1 - 1 / mask.sum()
@@ -113,7 +114,7 @@ def test_40_percent_outliers(seed, kind, fit):
         "another point": field(keypoints + [40, 25], 120, 160),
     }[kind]
     vectors = np.where(wrong[:, :, None], replaced, vectors)
-    votes = vote(mask, vectors, fit=fit)
+    votes = vote(mask, vectors, VoteOptions(fit=fit))
     # Of outliers that point somewhere a few point almost right, and are believed.
     few = kind in ("any", "another point")
     np.testing.assert_allclose(votes.points, keypoints, atol=0.4 if few else 1e-6)
@@ -129,7 +130,7 @@ def test_40_percent_outliers_leave_a_tenth_of_a_pixel_on_a_large_mask(fit):
         mask = disc(240, 320, keypoints[0].mean(0), 50)[None]
         angles = rng.uniform(-np.pi, np.pi, (1, 9, 240, 320))
         wrong = rng.uniform(size=angles.shape) < 0.4
-        votes = vote(mask, turned(field(keypoints, 240, 320), wrong * angles), fit=fit)
+        votes = vote(mask, turned(field(keypoints, 240, 320), wrong * angles), VoteOptions(fit=fit))
         errors.append(np.linalg.norm(votes.points - keypoints, axis=-1))
     assert np.max(errors) < 0.1
 
@@ -141,7 +142,7 @@ def test_noise_is_averaged_and_told(fit):
     for seed in range(8):
         mask, vectors, keypoints, rng = scene(seed, height=120, width=160)
         angles = rng.normal(size=(1, 9, 120, 160)) * np.geomspace(0.005, 0.2, 9)[:, None, None]
-        votes = vote(mask, turned(vectors, angles), seed=seed, fit=fit)
+        votes = vote(mask, turned(vectors, angles), VoteOptions(seed=seed, fit=fit))
         errors.append(np.linalg.norm(votes.points - keypoints, axis=-1)[0])
         deviations.append(np.sqrt(np.linalg.eigvalsh(votes.covariances)[0, :, 1]))
     errors, deviations = np.mean(errors, 0), np.mean(deviations, 0)
@@ -165,7 +166,7 @@ def test_the_result_is_what_its_own_parts_say(seed):
     """Weights by counting, the covariance from them, the keypoint from the lines of the inliers."""
     mask, vectors, _, rng = scene(seed, count=3)
     vectors = turned(vectors, 0.05 * rng.normal(size=(1, 3, 60, 80)))
-    votes = vote(mask, vectors, hypotheses=40)
+    votes = vote(mask, vectors, VoteOptions(hypotheses=40))
     rows, columns = mask[0].nonzero()
     pixels = np.stack([columns, rows], -1).astype(float)
     gathered = np.moveaxis(vectors[0][:, :, rows, columns], -1, 0)
@@ -192,8 +193,8 @@ def test_pixels_in_a_list_are_the_same_as_in_a_mask(fit):
     rows, columns = mask[0].nonzero()
     listed = np.moveaxis(vectors[0][:, :, rows, columns], -1, 0)
     one, other = (
-        vote(mask, vectors, fit=fit),
-        vote_pixels(np.stack([columns, rows], -1), listed, fit=fit),
+        vote(mask, vectors, VoteOptions(fit=fit)),
+        vote_pixels(np.stack([columns, rows], -1), listed, VoteOptions(fit=fit)),
     )
     for a, b in zip(one, other, strict=True):
         np.testing.assert_array_equal(a[0], b)
@@ -204,11 +205,11 @@ def test_pixels_in_a_list_are_the_same_as_in_a_mask(fit):
 def test_objects_do_not_know_of_each_other(fit):
     mask, vectors, _, rng = scene(1, objects=3)
     vectors = turned(vectors, 0.1 * rng.normal(size=(3, 9, 60, 80)))
-    together = vote(mask, vectors, fit=fit)
+    together = vote(mask, vectors, VoteOptions(fit=fit))
     mask[1] = False
-    without = vote(mask, vectors, fit=fit)
+    without = vote(mask, vectors, VoteOptions(fit=fit))
     for o in (0, 2):
-        alone = vote(mask[o : o + 1], vectors[o : o + 1], fit=fit)
+        alone = vote(mask[o : o + 1], vectors[o : o + 1], VoteOptions(fit=fit))
         for a, b, c in zip(together, without, alone, strict=True):
             np.testing.assert_array_equal(a[o], b[o])
             np.testing.assert_array_equal(a[o], c[0])
@@ -219,7 +220,9 @@ def test_a_seed_decides_everything(fit):
     mask, vectors, _, rng = scene(2)
     vectors = turned(vectors, 0.2 * rng.normal(size=(1, 9, 60, 80)))
     for options in ({}, {"sample": 50}):
-        one, again, other = (vote(mask, vectors, seed=s, **options, fit=fit) for s in (3, 3, 4))
+        one, again, other = (
+            vote(mask, vectors, VoteOptions(seed=s, **options, fit=fit)) for s in (3, 3, 4)
+        )
         for a, b in zip(one, again, strict=True):
             np.testing.assert_array_equal(a, b)
         assert (one.hypotheses != other.hypotheses).any()
@@ -227,11 +230,11 @@ def test_a_seed_decides_everything(fit):
 
 def test_a_sample_of_the_pixels_does_on_easy_fields():
     mask, vectors, keypoints, _ = scene(3)
-    votes = vote(mask, vectors, sample=30)
+    votes = vote(mask, vectors, VoteOptions(sample=30))
     np.testing.assert_allclose(votes.points, keypoints, atol=1e-6)
     assert votes.pixels == mask.sum()
     assert np.allclose(votes.inliers * 30, np.round(votes.inliers * 30))
-    everything = vote(mask, vectors, sample=10**9)
+    everything = vote(mask, vectors, VoteOptions(sample=10**9))
     np.testing.assert_array_equal(everything.points, vote(mask, vectors).points)
 
 
@@ -243,7 +246,11 @@ def test_more_rounds_find_what_one_misses():
         wrong = rng.uniform(size=(1, 2, 60, 80)) < 0.95
         vectors = turned(vectors, wrong * rng.uniform(-np.pi, np.pi, wrong.shape))
         for rounds in found:
-            votes = vote(mask, vectors, hypotheses=32, rounds=rounds, threshold=0.9999, seed=seed)
+            votes = vote(
+                mask,
+                vectors,
+                VoteOptions(hypotheses=32, rounds=rounds, threshold=0.9999, seed=seed),
+            )
             found[rounds] += (np.linalg.norm(votes.points - keypoints, axis=-1) < 1).sum()
     assert found[20] >= 16 and found[1] <= found[20] // 2
 
@@ -251,7 +258,10 @@ def test_more_rounds_find_what_one_misses():
 def test_rounds_stop_when_all_are_sure():
     mask, vectors, _, rng = scene(4)
     vectors = turned(vectors, 0.1 * rng.normal(size=(1, 9, 60, 80)))
-    one, twenty = vote(mask, vectors, rounds=1), vote(mask, vectors, rounds=20)
+    one, twenty = (
+        vote(mask, vectors, VoteOptions(rounds=1)),
+        vote(mask, vectors, VoteOptions(rounds=20)),
+    )
     np.testing.assert_array_equal(one.hypotheses, twenty.hypotheses)
 
 
@@ -270,7 +280,9 @@ def towards(seed, noise, fit, outside=1.5):
     outwards = np.stack([np.cos(bearing), np.sin(bearing)], -1)
     keypoints = np.array([50, 40]) + 20 * outside * outwards
     angles = np.radians(noise) * rng.normal(size=(1, 9, 80, 100))
-    votes = vote(mask, turned(field(keypoints[None], 80, 100), angles), seed=seed, fit=fit)
+    votes = vote(
+        mask, turned(field(keypoints[None], 80, 100), angles), VoteOptions(seed=seed, fit=fit)
+    )
     return ((votes.points[0] - keypoints) * outwards).sum(-1), votes
 
 
@@ -301,11 +313,15 @@ def test_keypoints_of_an_object_do_not_know_of_each_other():
     mask = disc(80, 100, (50, 40), 20)[None]
     keypoints = np.array([[[50.0, 40], [90, 40], [400, 300], [50, 70]]])
     vectors = turned(field(keypoints, 80, 100), 0.08 * rng.normal(size=(1, 4, 80, 100)))
-    together = vote(mask, vectors, hypotheses=16, rounds=1, fit="angles")
-    assert (together.points != vote(mask, vectors, hypotheses=16, rounds=1).points).any(-1).all()
+    together = vote(mask, vectors, VoteOptions(hypotheses=16, rounds=1, fit="angles"))
+    assert (
+        (together.points != vote(mask, vectors, VoteOptions(hypotheses=16, rounds=1)).points)
+        .any(-1)
+        .all()
+    )
     other = vectors.copy()
     other[0, 2] = 0
-    without = vote(mask, other, hypotheses=16, rounds=1, fit="angles")
+    without = vote(mask, other, VoteOptions(hypotheses=16, rounds=1, fit="angles"))
     np.testing.assert_array_equal(together.points[0, [0, 1, 3]], without.points[0, [0, 1, 3]])
 
 
@@ -316,7 +332,7 @@ def test_keypoints_of_an_object_do_not_know_of_each_other():
 def test_an_empty_mask(fit):
     mask, vectors, keypoints, _ = scene(0, objects=3)
     mask[1] = False
-    votes = vote(mask, vectors, fit=fit)
+    votes = vote(mask, vectors, VoteOptions(fit=fit))
     assert votes.found.tolist() == [True, False, True]
     assert votes.pixels[1] == 0
     for values in (votes.points, votes.inliers, votes.hypotheses, votes.weights):
@@ -326,14 +342,14 @@ def test_an_empty_mask(fit):
     )
     np.testing.assert_allclose(votes.points[[0, 2]], keypoints[[0, 2]], atol=1e-6)
     assert_sound(votes)
-    nothing = vote_pixels(np.zeros((0, 2)), np.zeros((0, 9, 2)), fit=fit)
+    nothing = vote_pixels(np.zeros((0, 2)), np.zeros((0, 9, 2)), VoteOptions(fit=fit))
     np.testing.assert_array_equal(nothing.points, votes.points[1])
     assert not nothing.found and nothing.hypotheses.shape == (9, 128, 2)
 
 
 @pytest.mark.parametrize("fit", FITS)
 def test_one_pixel(fit):
-    votes = vote_pixels([[7.0, 5.0]], [[[1.0, 0.0], [0.0, 0.0]]], fit=fit)
+    votes = vote_pixels([[7.0, 5.0]], [[[1.0, 0.0], [0.0, 0.0]]], VoteOptions(fit=fit))
     assert not votes.found and votes.pixels == 1 and (votes.inliers == 0).all()
     np.testing.assert_array_equal(votes.points, [[7, 5], [7, 5]])
     np.testing.assert_array_equal(votes.covariances, np.tile(UNKNOWN_STD**2 * np.eye(2), (2, 1, 1)))
@@ -346,7 +362,9 @@ def test_two_pixels(fit):
     pixels = [[0.0, 0.0], [10.0, 0.0]]
     first = [[1, 1], [1, 1], [1, 1], [1, 0], [1, 1], [0, 0]]
     second = [[-1, 1], [1, -1], [1, 1], [-1, 0], [0, 0], [0, 0]]
-    votes = vote_pixels(pixels, np.stack([first, second]).astype(float), hypotheses=8, fit=fit)
+    votes = vote_pixels(
+        pixels, np.stack([first, second]).astype(float), VoteOptions(hypotheses=8, fit=fit)
+    )
     np.testing.assert_allclose(votes.points[0], [5, 5], atol=1e-6)
     np.testing.assert_allclose(votes.covariances[0], FLOOR**2 * np.eye(2), atol=1e-6)
     assert votes.inliers.tolist() == [1, 0.5, 0, 0, 0, 0]
@@ -365,7 +383,7 @@ def test_two_pixels(fit):
 def test_parallel_rays(seed, angle, fit):
     mask, vectors, _, _ = scene(seed, count=2)
     vectors[:] = np.array([np.cos(angle), np.sin(angle)])[:, None, None]
-    votes = vote(mask, vectors.astype(np.float32), fit=fit)
+    votes = vote(mask, vectors.astype(np.float32), VoteOptions(fit=fit))
     assert not votes.found[0] and (votes.inliers == 0).all() and (votes.weights == 0).all()
     rows, columns = mask[0].nonzero()
     np.testing.assert_allclose(votes.points[0, 0], [columns.mean(), rows.mean()], rtol=1e-6)
@@ -382,7 +400,7 @@ def test_fields_of_outliers_only_give_numbers(seed, height, width, objects, fit)
     vectors = rng.integers(-1, 2, (objects, 3, 2, height, width)).astype(
         np.float32
     )  # many parallel
-    votes = vote(mask, vectors, rounds=3, hypotheses=16, seed=seed, fit=fit)
+    votes = vote(mask, vectors, VoteOptions(rounds=3, hypotheses=16, seed=seed, fit=fit))
     assert_sound(votes)
     assert (votes.found == (votes.inliers > 0).any(1)).all()
     unknown = votes.inliers == 0
@@ -393,7 +411,7 @@ def test_fields_of_outliers_only_give_numbers(seed, height, width, objects, fit)
 def test_an_all_outlier_field_is_found_but_unsure(fit):
     mask, vectors, _, rng = scene(0)
     vectors = turned(vectors, rng.uniform(-np.pi, np.pi, (1, 9, 60, 80)))
-    votes = vote(mask, vectors, fit=fit)
+    votes = vote(mask, vectors, VoteOptions(fit=fit))
     assert votes.found[0] and (votes.inliers < 0.2).all()
     assert (np.linalg.eigvalsh(votes.covariances)[..., 1] > 5**2).all()
     assert_sound(votes)
@@ -403,7 +421,7 @@ def test_an_all_outlier_field_is_found_but_unsure(fit):
 def test_a_keypoint_without_vectors_does_not_touch_the_others(fit):
     mask, vectors, keypoints, _ = scene(0)
     vectors[0, 4] = 0
-    votes = vote(mask, vectors, fit=fit)
+    votes = vote(mask, vectors, VoteOptions(fit=fit))
     others = np.arange(9) != 4
     np.testing.assert_allclose(votes.points[0, others], keypoints[0, others], atol=1e-6)
     assert votes.inliers[0, 4] == 0 and votes.found[0]
@@ -415,7 +433,7 @@ def test_rays_that_almost_agree_stay_finite(fit):
     mask = disc(60, 80, (40, 30), 10)[None]
     for distance in (1e4, 1e6, 1e8):
         vectors = field(np.array([[[distance, 30.0]]]), 60, 80)
-        assert_sound(vote(mask, vectors.astype(np.float32), fit=fit))
+        assert_sound(vote(mask, vectors.astype(np.float32), VoteOptions(fit=fit)))
 
 
 # --- kinds of input
@@ -459,7 +477,7 @@ def test_the_length_of_vectors_does_not_matter(seed, length, fit):
     mask, vectors, keypoints, rng = scene(seed, count=2)
     lengths = length * rng.uniform(0.5, 2, (1, 2, 1, 60, 80))
     unit = vectors / np.maximum(np.linalg.norm(vectors, axis=2, keepdims=True), 1e-9)
-    votes = vote(mask, (lengths * unit).astype(np.float32), fit=fit)
+    votes = vote(mask, (lengths * unit).astype(np.float32), VoteOptions(fit=fit))
     np.testing.assert_allclose(votes.points, keypoints, atol=1e-3)
 
 
@@ -484,25 +502,28 @@ PIXELS = np.zeros((4, 2))
         (lambda: vote("mask", VECTORS), "mask: expected an array"),
         (lambda: vote(MASK, [[1.0], [1.0, 2.0]]), "vectors: expected an array"),
         (lambda: vote(MASK, VECTORS + 1j), "vectors: expected"),
-        (lambda: vote(MASK, VECTORS, hypotheses=0), "hypotheses:"),
-        (lambda: vote(MASK, VECTORS, hypotheses=1.5), "hypotheses:"),
-        (lambda: vote(MASK, VECTORS, sample=1), "sample:"),
-        (lambda: vote(MASK, VECTORS, threshold=1), "threshold:"),
-        (lambda: vote(MASK, VECTORS, threshold=0), "threshold:"),
-        (lambda: vote(MASK, VECTORS, threshold=np.nan), "threshold:"),
-        (lambda: vote(MASK, VECTORS, rounds=0), "rounds:"),
-        (lambda: vote(MASK, VECTORS, seed=-1), "seed:"),
-        (lambda: vote(MASK, VECTORS, seed=None), "seed:"),
-        (lambda: vote(MASK, VECTORS, fit="angle"), "fit: expected one of 'lines', 'angles'"),
-        (lambda: vote(MASK, VECTORS, fit=None), "fit:"),
-        (lambda: vote_pixels(PIXELS, np.zeros((4, 9, 2)), fit="rays"), "fit:"),
+        (lambda: vote(MASK, VECTORS, VoteOptions(hypotheses=0)), "hypotheses:"),
+        (lambda: vote(MASK, VECTORS, VoteOptions(hypotheses=1.5)), "hypotheses:"),
+        (lambda: vote(MASK, VECTORS, VoteOptions(sample=1)), "sample:"),
+        (lambda: vote(MASK, VECTORS, VoteOptions(threshold=1)), "threshold:"),
+        (lambda: vote(MASK, VECTORS, VoteOptions(threshold=0)), "threshold:"),
+        (lambda: vote(MASK, VECTORS, VoteOptions(threshold=np.nan)), "threshold:"),
+        (lambda: vote(MASK, VECTORS, VoteOptions(rounds=0)), "rounds:"),
+        (lambda: vote(MASK, VECTORS, VoteOptions(seed=-1)), "seed:"),
+        (lambda: vote(MASK, VECTORS, VoteOptions(seed=None)), "seed:"),
+        (
+            lambda: vote(MASK, VECTORS, VoteOptions(fit="angle")),
+            "fit: expected one of 'lines', 'angles'",
+        ),
+        (lambda: vote(MASK, VECTORS, VoteOptions(fit=None)), "fit:"),
+        (lambda: vote_pixels(PIXELS, np.zeros((4, 9, 2)), VoteOptions(fit="rays")), "fit:"),
         (lambda: vote_pixels(PIXELS, np.zeros((3, 9, 2))), "vectors: expected shape"),
         (lambda: vote_pixels(PIXELS, np.zeros((4, 9, 3))), "vectors: expected shape"),
         (lambda: vote_pixels(PIXELS, np.zeros((4, 0, 2))), "vectors: expected shape"),
         (lambda: vote_pixels(PIXELS[0], np.zeros((4, 9, 2))), "pixels: expected shape"),
         (lambda: vote_pixels(PIXELS + np.nan, np.zeros((4, 9, 2))), "pixels: expected finite"),
         (lambda: vote_pixels(PIXELS, np.full((4, 9, 2), np.nan)), "vectors: expected finite"),
-        (lambda: vote_pixels(PIXELS, np.zeros((4, 9, 2)), threshold=2), "threshold:"),
+        (lambda: vote_pixels(PIXELS, np.zeros((4, 9, 2)), VoteOptions(threshold=2)), "threshold:"),
     ],
 )
 def test_bad_input_is_named(call, named):

@@ -37,6 +37,7 @@ def seen(seed: int, count: int = 6) -> tuple[MaskedFields, dict[str, torch.Tenso
         torch.from_numpy(xs).repeat(count),
         (image % 2).repeat_interleave(len(xs)),
     ]
-    batch = {"image": image, "object_id": 3 + 2 * (image % 2), "R": R, "t": t,
-             "K": K.expand(count, 3, 3)}  # fmt: skip
+    known = {"object_id": 3 + 2 * (image % 2), "R": R, "t": t}
+    batch = {name: values[:, None] for name, values in known.items()}  # one object an image
+    batch["K"] = K.expand(count, 3, 3)
     return MaskedFields(*columns, vectors.flatten(0, 1)), batch

@@ -24,8 +24,8 @@ def test_each_row_once_an_epoch(count, size, seed):
     batches = Batches(make, rows, size, seed=seed)
     assert len(batches) == count // size
     for epoch in range(3):
-        assert (batches.epoch, batches.step) == (epoch, 0)
-        seen = torch.cat([next(batches)["rows"] for _ in range(len(batches))])
+        assert batches.step == epoch * len(batches)
+        seen = torch.cat([batch["rows"] for batch in itertools.islice(batches, len(batches))])
         assert len(seen.unique()) == len(seen) == size * (count // size)
         assert torch.isin(seen, rows).all()
 
@@ -66,8 +66,35 @@ def test_a_failure_loses_no_batch():
 
     batches = Batches(moody, torch.arange(9), 3, seed=0)
     with pytest.raises(RuntimeError):
-        next(batches)
-    assert same([next(batches)], [next(Batches(make, torch.arange(9), 3, seed=0))])
+        next(iter(batches))
+    other = Batches(make, torch.arange(9), 3, seed=0)
+    assert same([next(iter(batches))], [next(iter(other))])
+
+
+def draw(count, *, generator):
+    return {"x": torch.rand(count, generator=generator)}
+
+
+@given(st.integers(0, 6), st.integers(0, 2**40))
+def test_drawn_batches_end_and_say_how_far_they_are(done, seed):
+    whole = list(Batches(draw, steps=6, seed=seed, count=3))
+    assert [float(batch["done"]) for batch in whole] == pytest.approx([i / 6 for i in range(6)])
+    assert not torch.equal(whole[0]["x"], whole[1]["x"])
+    first = Batches(draw, steps=6, seed=seed, count=3)
+    list(itertools.islice(first, done))
+    second = Batches(draw, steps=6, seed=seed, count=3)
+    second.load_state_dict(json.loads(json.dumps(first.state_dict())))
+    assert same(second, whole[done:])
+    assert same(second, whole) and len(second) == 6  # and from the beginning
+
+
+def test_without_an_end():
+    batches = Batches(draw, seed=0, count=1)
+    assert [batch.keys() for batch in itertools.islice(batches, 9)] == [{"x"}] * 9
+    with pytest.raises(TypeError, match="without end"):
+        len(batches)
+    last = Batches(lambda generator: 5, seed=0, steps=1)
+    assert list(last) == [5]  # what is no dict stays as it is
 
 
 ROWS = torch.arange(6)
@@ -87,13 +114,16 @@ BAD = [
     (lambda: Batches(make, ROWS, 7, seed=0), "batch_size"),
     (lambda: Batches(make, ROWS, 2, seed=-1), "seed"),
     (lambda: Batches(make, ROWS, 2, seed=0.5), "seed"),
-    (lambda: load({"epoch": 0, "step": 0}), "state"),
+    (lambda: Batches(draw, seed=0, steps=0), "steps"),
+    (lambda: Batches(draw, seed=0, batch_size=3), "batch_size: expected rows"),
+    (lambda: load({"step": 0}), "state"),
     (lambda: load(None), "state"),
     (lambda: load(STATE | {"seed": 1}), "state: expected seed 0"),
     (lambda: load(Batches(make, ROWS[:4], 2, seed=0).state_dict()), "state: expected rows 6"),
     (lambda: load(Batches(make, ROWS, 3, seed=0).state_dict()), "state: expected batch_size 2"),
-    (lambda: load(STATE | {"step": 3}), "state"),
-    (lambda: load(STATE | {"epoch": -1}), "state"),
+    (lambda: load(STATE | {"step": -1}), "state"),
+    (lambda: load(STATE | {"steps": 4}), "state: expected steps None"),
+    (lambda: load(STATE | {"count": 4}), "state: expected count None"),
 ]
 
 

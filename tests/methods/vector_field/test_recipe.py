@@ -4,13 +4,13 @@ import math
 
 import pytest
 import torch
+from posecore.methods.vector_field.learning import Objective
+from posecore.methods.vector_field.plans import PLANS, halved
 
 from book.ch08_vector_fields import field_training
 from data_tools.batches import Augmentation
-from posecore.methods.vector_field.learning import Objective
 from posecore.methods.vector_field.losses import VectorFieldLoss
 from posecore.methods.vector_field.network import VectorFieldNet
-from posecore.methods.vector_field.plans import PLANS, halved
 from posecore.models import ObjectModel
 from posecore.training import fit, seeded
 from posecore.training.loop import ADAM
