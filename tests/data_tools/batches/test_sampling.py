@@ -50,6 +50,9 @@ def mesh_of(world, object_id):
     return prepare(CATEGORIES.models.mesh(int(object_id)))
 
 
+OF_OBJECTS = {"R", "t", "size", "box", "object_id", "visible_fraction"}
+
+
 @every_world
 def test_whole_images_are_the_views(world, stack_of, views_of):
     stack, views = stack_of(world), views_of(world)
@@ -59,15 +62,16 @@ def test_whole_images_are_the_views(world, stack_of, views_of):
         assert np.allclose(colours(batch)[index].transpose(1, 2, 0), image / 255, atol=1e-7)
         assert np.allclose(batch["depth"][index], view.depth, atol=0.6e-4)
         assert np.allclose(batch["K"][index], view.K, rtol=1e-6)
-        rows = np.flatnonzero(batch["image"] == index)
-        for row, item in zip(rows, view.objects, strict=True):
-            assert np.array_equal(batch["instance"][index] == row, item.mask)
-            assert np.allclose(batch["R"][row], item.R, atol=1e-6)
-            assert np.allclose(batch["t"][row], item.t, atol=1e-6)
-            assert batch["object_id"][row] == item.object_id
-            assert np.isclose(batch["visible_fraction"][row], item.visible_fraction, atol=1e-6)
-            assert np.allclose(batch["size"][row], item.size, atol=1e-6)
-            assert np.allclose(batch["box"][row], np.zeros(4) if item.box is None else item.box)
+        assert (batch["object_id"][index] >= 0).sum() == len(view.objects)
+        for slot, item in enumerate(view.objects):
+            known = {name: batch[name][index, slot] for name in OF_OBJECTS & batch.keys()}
+            assert np.array_equal(batch["instance"][index] == slot, item.mask)
+            assert np.allclose(known["R"], item.R, atol=1e-6)
+            assert np.allclose(known["t"], item.t, atol=1e-6)
+            assert known["object_id"] == item.object_id
+            assert np.isclose(known["visible_fraction"], item.visible_fraction, atol=1e-6)
+            assert np.allclose(known["size"], item.size, atol=1e-6)
+            assert np.allclose(known["box"], np.zeros(4) if item.box is None else item.box)
             if item.coordinates is not None:
                 got = batch["coordinates"][index][item.mask]
                 # Depth is kept in steps of 0.1 mm; a ray is at most a little longer than its depth.
@@ -80,7 +84,8 @@ def test_points_are_where_the_image_shows_them(stack_of, seed, world, whole):
     stack = stack_of(world)
     if whole:
         batch = stack.frames(torch.arange(4), augment=GEOMETRY, generator=seeded(seed))
-        image = batch["image"]
+        image, slot = (batch["object_id"] >= 0).nonzero(as_tuple=True)
+        batch |= {name: batch[name][image, slot] for name in ("row", "R", "t")}
     else:
         batch = stack.crops(stack.rows()[:9], 64, augment=GEOMETRY, generator=seeded(seed))
         image = torch.arange(9)
@@ -318,14 +323,13 @@ def test_whole_images_with_everything(stack_of):
     """Labels of several objects in an image agree with each other."""
     stack = stack_of("tabletop")
     batch = numbers(stack.frames(torch.arange(10), augment=Augmentation(), generator=seeded()))
-    for row in range(len(batch["row"])):
-        mask = batch["instance"][batch["image"][row]] == row
-        assert batch["box"][row][2] == (np.ptp(np.nonzero(mask)[1]) + 1 if mask.any() else 0)
-        assert (batch["instance"] == row).sum() == mask.sum()
+    for image, slot in np.argwhere(batch["object_id"] >= 0):
+        mask = batch["instance"][image] == slot
+        box, R, t, size = (batch[name][image, slot] for name in ("box", "R", "t", "size"))
+        assert box[2] == (np.ptp(np.nonzero(mask)[1]) + 1 if mask.any() else 0)
         if mask.sum() > 30:
-            K, R, t = batch["K"][batch["image"][row]], batch["R"][row], batch["t"][row]
             corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), -1).reshape(-1, 3)
-            pixels = project(K, (corners * batch["size"][row] * 1.2) @ R.T + t)
+            pixels = project(batch["K"][image], (corners * size * 1.2) @ R.T + t)
             y, x = np.nonzero(mask)
             assert pixels[:, 0].min() < x.mean() < pixels[:, 0].max()
             assert pixels[:, 1].min() < y.mean() < pixels[:, 1].max()

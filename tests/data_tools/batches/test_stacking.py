@@ -25,8 +25,8 @@ def test_triples(stack_of):
     assert batch["view"].tolist() == [[6, 7, 8], [9, 10, 11]]
     flat = stack.frames(torch.arange(6, 12))
     assert torch.equal(batch["ir"].flatten(0, 1), flat["ir"])
-    for name in ("image", "R", "t", "box"):
-        assert torch.equal(batch[name], flat[name])
+    for name in ("object_id", "R", "t", "box", "instance"):
+        assert torch.equal(batch[name].flatten(0, 1), flat[name])
 
 
 @pytest.mark.slow
@@ -192,9 +192,25 @@ def test_images_without_objects():
     stack = load([make_view(0, 0), make_view(1, 1), make_view(2, 0)])
     augment = Augmentation(background=1, occluder=1)
     batch = stack.frames(torch.arange(3), augment=augment, generator=torch.Generator())
-    assert batch["image"].tolist() == [1] and batch["R"].shape == (1, 3, 3)
+    assert batch["object_id"].tolist() == [[-1], [1], [-1]] and batch["R"].shape == (3, 1, 3, 3)
     empty = stack.frames(torch.tensor([0, 2]))
-    assert empty["R"].shape == (0, 3, 3) and empty["box"].shape == (0, 4)
+    assert (empty["R"] == -1).all() and (empty["box"] == -1).all()
+    nothing = load([make_view(0, 0)]).frames(torch.tensor([0, 0]))
+    assert nothing["R"].shape == (2, 0, 3, 3) and (nothing["instance"] == -1).all()
+
+
+def test_an_image_has_a_place_for_each_object_and_minus_one_beside():
+    stack = load([make_view(0, 1), make_view(1, 3), make_view(2, 2)])
+    batch = stack.frames(torch.tensor([2, 1, 2]))
+    assert batch["object_id"].shape == (3, 3)
+    assert [(row >= 0).sum().item() for row in batch["object_id"]] == [2, 3, 2]
+    for b, view in enumerate((2, 1, 2)):
+        rows = batch["row"][b][batch["row"][b] >= 0]
+        assert torch.equal(rows, (stack.view == view).nonzero()[:, 0])
+        assert torch.equal(batch["R"][b, : len(rows)].double(), stack.R[rows])
+        seen = batch["instance"][b].unique()
+        assert set(seen.tolist()) <= {-1, *range(len(rows))}
+    assert torch.equal(batch["instance"][0], batch["instance"][2])
 
 
 @given(st.integers(1, 3), st.integers(1, 30), st.integers(1, 30), st.floats(0.5, 3))

@@ -260,10 +260,10 @@ def test_as_batches(layout, request):
     batch = stack.frames(torch.arange(len(stack)))
     for row, view in enumerate(dataset):
         (item,) = view.objects
-        np.testing.assert_array_equal(batch["instance"][row] == row, item.mask)
-        np.testing.assert_allclose(batch["R"][row], item.R, atol=1e-7)
-        np.testing.assert_allclose(batch["t"][row], item.t, atol=1e-7)
-        np.testing.assert_allclose(batch["size"][row], item.size, atol=1e-7)
+        np.testing.assert_array_equal(batch["instance"][row] == 0, item.mask)
+        np.testing.assert_allclose(batch["R"][row, 0], item.R, atol=1e-7)
+        np.testing.assert_allclose(batch["t"][row, 0], item.t, atol=1e-7)
+        np.testing.assert_allclose(batch["size"][row, 0], item.size, atol=1e-7)
         np.testing.assert_allclose(batch["K"][row], view.K, rtol=1e-6)
         pixels = batch["rgb"][row].permute(1, 2, 0).numpy() * 255
         np.testing.assert_allclose(pixels, view.rgb, atol=1e-3)

@@ -22,24 +22,25 @@ HALF_TURN = np.stack([np.eye(4), np.diag([-1.0, -1, 1, 1])])
 
 
 def make_batch(seed, images=3, objects=4, size=(12, 10), dtype=torch.float32):
-    """Objects of ids 1 to 9 in random masks, some rows of which are hidden."""
+    """Objects of ids 1 to 9 in random masks, some of which are hidden; and places for none."""
     rng = np.random.default_rng(seed)
     h, w = size
-    image = np.sort(rng.integers(0, images, objects))
     instance = np.full((images, h, w), -1)
-    for row in range(objects):
+    for image, slot in np.ndindex(images, objects):
         y, x = rng.integers(0, h - 3), rng.integers(0, w - 3)
-        instance[image[row], y : y + rng.integers(0, 5), x : x + rng.integers(0, 5)] = row
+        instance[image, y : y + rng.integers(0, 5), x : x + rng.integers(0, 5)] = slot
+    shape = (images, objects)
+    R = Rotation.random(images * objects, random_state=rng).as_matrix() if objects else np.zeros(0)
+    t = rng.uniform([-0.1, -0.1, 0.5], [0.1, 0.1, 1], (*shape, 3))
     f = rng.uniform(200, 300, images)
     K = np.zeros((images, 3, 3))
     K[:, 0, 0], K[:, 1, 1], K[:, 2, 2], K[:, 0, 2], K[:, 1, 2] = f, f, 1, 5, 6
     return {
         "instance": torch.tensor(instance),
         "K": torch.tensor(K, dtype=dtype),
-        "image": torch.tensor(image),
-        "object_id": torch.tensor(rng.choice([1, 2, 5, 7, 9], objects)),
-        "R": torch.tensor(Rotation.random(objects, random_state=rng).as_matrix(), dtype=dtype),
-        "t": torch.tensor(rng.uniform([-0.1, -0.1, 0.5], [0.1, 0.1, 1], (objects, 3)), dtype=dtype),
+        "object_id": torch.tensor(rng.choice([1, 2, 5, 7, 9, -1], shape)),
+        "R": torch.tensor(R.reshape(*shape, 3, 3), dtype=dtype),
+        "t": torch.tensor(t, dtype=dtype),
         "rgb": torch.zeros(images, 3, h, w),
     }
 
@@ -105,12 +106,12 @@ def test_targets_of_all_pixels_by_brute_force(seed, symmetric):
     found = field_targets(batch, KEYPOINTS, IDS, symmetries, None)
     labels, rest = np.zeros(batch["instance"].shape, int), []
     for image, y, x in np.ndindex(*labels.shape):
-        row = int(batch["instance"][image, y, x])
-        if row < 0 or int(batch["object_id"][row]) not in IDS:
+        slot = int(batch["instance"][image, y, x])
+        if slot < 0 or int(batch["object_id"][image, slot]) not in IDS:
             continue
-        o = IDS.index(int(batch["object_id"][row]))
+        o = IDS.index(int(batch["object_id"][image, slot]))
         labels[image, y, x] = 1 + o
-        R, t = batch["R"][row].numpy(), batch["t"][row].numpy()
+        R, t = batch["R"][image, slot].numpy(), batch["t"][image, slot].numpy()
         if symmetric and o == 1:
             R, t = canonical_rotation(R, t, HALF_TURN)
         K = batch["K"][image].numpy()
@@ -141,8 +142,9 @@ def test_drawn_pixels_are_some_of_all(seed, most):
     assert indices == sorted(set(indices))  # none twice, in the order of the image
     assert torch.equal(every.object[indices], some.object)
     assert torch.equal(every.vectors[indices], some.vectors)
-    rows = batch["instance"][every.image, every.y, every.x]
-    kept = batch["instance"][some.image, some.y, some.x]
+    rows, kept = (
+        4 * part.image + batch["instance"][part.image, part.y, part.x] for part in (every, some)
+    )
     for row in rows.unique():  # every object that is seen counts
         assert (kept == row).sum() == min(most, int((rows == row).sum()))
 
@@ -152,7 +154,7 @@ def test_every_pixel_is_drawn_equally_often():
     batch["instance"][:] = -1
     batch["instance"][0, :5, :4] = 0  # 20 pixels
     batch["instance"][0, 8:, :] = 1
-    batch["object_id"] = torch.tensor([5, 9])
+    batch["object_id"] = torch.tensor([[5, 9]])
     torch.manual_seed(0)
     count = torch.zeros(batch["instance"].shape[1:])
     for _ in range(500):
@@ -167,7 +169,7 @@ def test_every_pixel_is_drawn_equally_often():
 def test_many_rows_are_not_confused(monkeypatch):
     """A random number near 1 may not lead into the next row, whatever its number."""
     batch = make_batch(0, images=1, objects=3000, size=(60, 50))
-    batch["image"][:], batch["object_id"][:] = 0, 9
+    batch["object_id"][:] = 9
     batch["instance"] = torch.arange(3000).flip(0).reshape(1, 60, 50)
     extremes = torch.tensor([0, 1 - 2**-24]).repeat(1500)
     monkeypatch.setattr(torch, "rand", lambda count, device: extremes)
@@ -178,7 +180,7 @@ def test_many_rows_are_not_confused(monkeypatch):
 def test_nothing_seen(objects):
     batch = make_batch(1, objects=objects)
     batch["instance"][:] = -1
-    batch["t"][:, 2] = -1  # what is not seen may be behind the camera
+    batch["t"][..., 2] = -1  # what is not seen may be behind the camera
     for most in (None, 7):
         found = field_targets(batch, KEYPOINTS, IDS, [HALF_TURN] * 3, most)
         assert not found.labels.any() and found.labels.shape == batch["instance"].shape
@@ -200,12 +202,12 @@ def test_kinds_of_numbers():
 
 def targets(change=None, keypoints=KEYPOINTS, ids=IDS, symmetries=None, most=8):
     batch = make_batch(0)
-    batch["instance"][0, 0, 0], batch["object_id"][0] = 0, 2
+    batch["instance"][0, 0, 0], batch["object_id"][0, 0] = 0, 2
     field_targets(batch | (change or {}), keypoints, ids, symmetries, most)
 
 
 ROW = torch.zeros(3, 12, 10, dtype=torch.int64)
-BEHIND = torch.tensor([0.0, 0, -1]).expand(4, 3)
+BEHIND = torch.tensor([0.0, 0, -1]).expand(3, 4, 3)
 
 
 @pytest.mark.parametrize(
@@ -217,6 +219,7 @@ BEHIND = torch.tensor([0.0, 0, -1]).expand(4, 3)
         (lambda: targets({"instance": ROW[0]}), r"batch\['instance'\]"),
         (lambda: targets({"instance": ROW + 4}), r"batch\['instance'\]"),
         (lambda: targets({"instance": ROW - 2}), r"batch\['instance'\]"),
+        (lambda: targets({"object_id": ROW[0, 0]}), r"batch\['object_id'\]"),
         (lambda: targets({"R": torch.ones(3, 3, 3)}), r"batch\['R'\]"),
         (lambda: targets({"K": torch.ones(4, 3, 3)}), r"batch\['K'\]"),
         (lambda: targets({"t": BEHIND}), "points"),
