@@ -232,7 +232,7 @@ def test_data_are_their_numbers():
         return rows * scale
 
     drawn = [Batches(make, rows, 2, seed=0, scale=1) for rows in (TABLE, TABLE.clone(), TABLE + 1)]
-    assert changed(*drawn[:2]) is None and changed(*drawn[1:]) == "loss._rows"
+    assert changed(*drawn[:2]) is None and changed(*drawn[1:]) == "loss.rows"
 
 
 def test_rounding_is_no_difference():

@@ -38,7 +38,7 @@ def test_a_bop_dataset_gives_the_same_batches(exported, tmp_path, stack_of):
     (path,) = tmp_path.rglob("*.shard")
     assert path.parent.parent.name == "bop-stack"
     got, expected = (s.frames(torch.arange(4)) for s in (again, stack_of("tabletop")))
-    for name in ("rgb", "depth", "instance", "object_id", "image", "box"):
+    for name in ("rgb", "depth", "instance", "object_id", "row", "box"):
         assert torch.equal(got[name], expected[name]), name
     for name in ("K", "R", "t", "visible_fraction", "size"):
         assert torch.allclose(got[name], expected[name], atol=1e-5), name

@@ -6,10 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 import data_tools
+from data_tools import batches
 from data_tools.bop import read_results
 from posecore.methods.main import main
+from posecore.methods.vector_field.estimating import ReducedImages
 from posecore.methods.vector_field.systems import STAGES, Estimate, VectorFieldSystem
 from tests.methods.vector_field.commands import estimate_words, refused
 
@@ -54,6 +57,26 @@ def test_true_poses_are_all_right(run, source, tmp_path, monkeypatch):
     assert main(["evaluate", str(output), source, "--split", "test", "--json", str(report)]) == 0
     shares = json.loads(report.read_text())["correct, % of all ground truth"]
     assert shares["ADD < 0.1 d"]["all poses"] == shares["5 deg 2 cm"]["all poses"] == 100
+
+
+def test_images_are_reduced_as_batches_are():
+    """What a run is given of wider images is what its network was trained on."""
+    dataset = data_tools.open("tabletop", split="easy", scale="tiny")
+    view, asked = dataset[3], []
+
+    class System:
+        def estimate(self, images, K):
+            asked.append((images, K))
+            return ["poses"]
+
+    image = torch.from_numpy(view.rgb).permute(2, 0, 1)[None].float() / 255
+    expected = batches.load(dataset, progress=False).frames(torch.tensor([3]), (48, 36))
+    assert ReducedImages(System(), 48).estimate(image, view.K) == ["poses"]
+    torch.testing.assert_close(asked[0][0], expected["rgb"], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(asked[0][1], expected["K"][0], rtol=1e-5)
+    for width in (None, 96, 500):
+        ReducedImages(System(), width).estimate(image, view.K)
+        assert asked[-1] == (image, view.K)
 
 
 def test_targets_choose_the_images(run, source, folder, tmp_path):

@@ -23,8 +23,8 @@ def test_a_run_holds_all_that_its_models_need(run, source):
     found = read_run(run)
     assert found.options == {
         "data": source, "split": "train", "objects": [1, 3], "scale": "tiny", "steps": 12,
-        "refiner_steps": 6, "batch": 4, "projection": "pixel", "weight": "dynamic",
-        "warmup": 0.15, "ignore_reversed": True, "imagenet": None, "seed": 0,
+        "refiner_steps": 6, "batch": 4, "projection": "pixel", "weight": 0.05,
+        "warmup": 0.0, "ignore_reversed": True, "imagenet": None, "seed": 0,
     }  # fmt: skip
     known = data_tools.open(source, split="train").models()
     for model in found.models:
@@ -45,18 +45,30 @@ def test_run_folders_keep_their_form(tmp_path):
     """What was trained before has to stay readable."""
     points = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]]
     model = {"object_id": 3, "points": 50 * points, "keypoints": points, "diameter": 0.2}
+    model |= {"symmetries": None, "centre": [0.05, 0.05, 0.05], "size": [0.1, 0.1, 0.1]}
+    options = {"data": "tabletop", "objects": [3], "scale": "tiny", "weight": 0.05, "seed": 0}
     content = {
-        "method": "vector_field",
-        "options": {"data": "tabletop", "objects": [3], "scale": "tiny", "weight": 0.05, "seed": 0},
-        "width": 8, "max_channels": None, "refiner_width": 4,
-        "models": [model | {"symmetries": None}],
+        "method": "vector_field", "options": options | {"warmup": 0.1, "ignore_reversed": True},
+        "width": 8, "max_channels": 48, "refiner_width": 4, "image_width": 64, "models": [model],
     }  # fmt: skip
-    (tmp_path / "run.json").write_text(json.dumps(content))
+    file = tmp_path / "run.json"
+    file.write_text(json.dumps(content))
     found = read_run(tmp_path)
     assert (found.object_ids, found.new_net().keypoints) == ([3], 4)
     assert found.options == content["options"]
     found.write()
-    assert (tmp_path / "run.json").read_text() == json.dumps(content)
+    assert json.loads(file.read_text()) == content
+
+    # Before options and sizes had their names of today, and images were reduced.
+    older = content | {"options": options | {"begin": 0.1, "forward_only": True}, "most": 48}
+    older["models"] = [{name: model[name] for name in model if name not in ("centre", "size")}]
+    for name in ("max_channels", "image_width"):
+        del older[name]
+    file.write_text(json.dumps(older))
+    again = read_run(tmp_path)
+    assert (again.options, again.max_channels) == (found.options, 48)
+    assert again.image_width is None
+    np.testing.assert_array_equal(again.models[0].centre, [0.05] * 3)
 
 
 def cut(path):
@@ -90,6 +102,7 @@ def of_another(path):
         ("run.json", change(models=[{"object_id": 1}]), "run.json: damaged"),
         ("run.json", change(width="8"), "run.json: damaged"),
         ("run.json", change(max_channels=4), "run.json: damaged"),
+        ("run.json", change(image_width=0), "run.json: damaged"),
         ("run.json", change(width=16), "net.safetensors: expected the weights of this run"),
         ("run.json", change(refiner_width=8), "refiner.safetensors: expected the weights"),
         ("run.json", change(method="other"), "run.json: damaged"),

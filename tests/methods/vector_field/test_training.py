@@ -12,19 +12,19 @@ from pathlib import Path
 import pytest
 import safetensors.torch
 
-import data_tools
+from data_tools.batches import CropPool, RandomCrops
 from data_tools.bop import read_results
 from posecore.methods import training as every_training
 from posecore.methods.main import main
 from posecore.methods.vector_field import predictions, training
-from posecore.methods.vector_field.learning import Objective, Pool, Windows
 from posecore.methods.vector_field.masked_fields import predict_fields
-from posecore.methods.vector_field.plans import PLANS
+from posecore.methods.vector_field.objective import Objective
+from posecore.methods.vector_field.recipe import RECIPES
+from posecore.methods.vector_field.refiner_training import RefinerTraining
 from posecore.methods.vector_field.runs import read_run
 from posecore.nets.resnet import ResNet
 from posecore.training import fit
 from posecore.training.loop import ADAM
-from posecore.training.muon import Muon
 from tests.methods.vector_field.commands import (
     WEIGHTS,
     contents,
@@ -41,64 +41,47 @@ ENVIRONMENT["PYTHONPATH"] = os.pathsep.join([str(ROOT), *sys.path])
 
 
 def taught(monkeypatch, words):
-    """What a command's training learns from: its pools, its batches and its loss."""
-    pools, given = [], {}
-
-    class KeptPool(Pool):
-        def __init__(self, windows, **options):
-            super().__init__(windows, **options)
-            pools.append(self)
+    """What a command's training is given: crops, batches, loss and all else of `fit`."""
+    given = {}
 
     def kept_fit(model, batches, objective, **options):
         given.update(options, batches=batches, loss=objective.loss)
         return fit(model, batches, objective, **options)
 
-    monkeypatch.setattr(training, "Pool", KeptPool)
     monkeypatch.setattr(every_training, "fit", kept_fit)
     assert main([*words, "--refiner-steps", "0"]) == 0
-    return pools, given
+    return given
 
 
-@pytest.mark.parametrize("steps", [2, 20])
-def test_windows_are_cut_once(source, tmp_path, monkeypatch, steps):
-    dataset = data_tools.open(source, split="train")
-    objects = [item for view in dataset for item in view.objects if item.object_id in (1, 3)]
-    shown = sum(item.visible_fraction >= 0.15 for item in objects)
-    assert 8 < shown < 64
-    words = train_words(source, tmp_path, "--steps", str(steps))
-    pools, given = taught(monkeypatch, words)
-    (pool,) = pools
-    assert pool.size == min(4 * steps, shown)
-    assert (pool.steps, pool.count, pool.step) == (steps, 4, steps)
-    assert given["optimiser"] is Muon
-    assert (given["loss"].warmup, given["loss"].ignore_reversed) == (0.15, True)
+@pytest.mark.parametrize(("steps", "crops"), [(2, 8), (20, 64)])
+def test_crops_are_cut_once_and_no_more_than_are_drawn(source, tmp_path, monkeypatch, steps, crops):
+    given = taught(monkeypatch, train_words(source, tmp_path, "--steps", str(steps)))
+    drawn = given["batches"]
+    pool = drawn.make.__self__
+    assert isinstance(pool, CropPool) and len(pool) == crops
+    assert (drawn.steps, drawn.options) == (steps, {"count": 4})
+    tiny = RECIPES["tiny"]
+    for name, value in tiny.fit_field.items():
+        assert given[name] == value
+    assert (given["loss"].weight, given["loss"].ignore_reversed) == (0.05, True)
 
 
-def test_a_pool_has_bounds(source, tmp_path, monkeypatch):
-    monkeypatch.setattr(training, "AT_ONCE", 4)
-    monkeypatch.setattr(training, "IN_POOL", 9)
-    (pool,), _ = taught(monkeypatch, train_words(source, tmp_path))
-    assert pool.size == 12  # whole batches
-
-
-def test_a_plan_without_a_pool(source, tmp_path, monkeypatch):
+def test_a_recipe_without_a_pool(source, tmp_path, monkeypatch):
     plain = dataclasses.replace(
-        PLANS["tiny"], looks=None, warmup=0.0, ignore_reversed=False, optimiser=ADAM, visible=0.1
+        RECIPES["tiny"], pool=None, ignore_reversed=False, optimiser=ADAM, image_width=64
     )
-    monkeypatch.setitem(training.PLANS, "tiny", plain)
-    pools, given = taught(monkeypatch, train_words(source, tmp_path))
-    assert pools == [] and isinstance(given["batches"], Windows)
-    assert (given["batches"].steps, given["batches"].count) == (12, 4)
-    assert given["optimiser"] is ADAM
-    assert (given["loss"].warmup, given["loss"].ignore_reversed) == (0, False)
-    assert read_run(tmp_path).options["ignore_reversed"] is False
+    monkeypatch.setitem(training.RECIPES, "tiny", plain)
+    given = taught(monkeypatch, train_words(source, tmp_path))
+    crops = given["batches"].make.__self__
+    assert isinstance(crops, RandomCrops) and crops.zoom == 64 / 96 and crops.size == (64, 48)
+    assert given["optimiser"] is ADAM and not given["loss"].ignore_reversed
+    found = read_run(tmp_path)
+    assert (found.options["ignore_reversed"], found.image_width) == (False, 64)
 
 
 def test_the_loss_that_was_asked_for(source, tmp_path, monkeypatch):
-    words = train_words(
-        source, tmp_path, "--warmup", "0.5", "--no-ignore-reversed", "--weight", "0.1"
-    )
-    loss = taught(monkeypatch, words)[1]["loss"]
+    more = ["--warmup", "0.5", "--no-ignore-reversed", "--weight", "0.1"]
+    loss = taught(monkeypatch, train_words(source, tmp_path, *more))["loss"]
     assert (loss.warmup, loss.ignore_reversed, loss.weight) == (0.5, False, 0.1)
     assert [loss.beta(done) for done in (0, 0.49, 0.5, 1)] == [0, 0, 0.1, 0.1]
     found = read_run(tmp_path).options
@@ -111,15 +94,15 @@ KILLED = """
 import functools, os, signal, sys
 from posecore.methods.main import main
 from posecore.methods import training as every_training
-from posecore.methods.vector_field import training
+from posecore.methods.vector_field.objective import Objective
 every_training.fit = functools.partial(every_training.fit, save_seconds=0)
-step, calls = training.Objective.__call__, []
+step, calls = Objective.__call__, []
 def dying(*arguments):
     calls.append(1)
     if len(calls) == 8:
         os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
     return step(*arguments)
-training.Objective.__call__ = dying
+Objective.__call__ = dying
 main(sys.argv[1:])
 """
 
@@ -133,7 +116,7 @@ def test_a_run_that_was_killed_goes_on_bit_for_bit(run, source, tmp_path, monkey
 
     # Once more, now by the keyboard, while the refiner is trained.
     monkeypatch.setattr(every_training, "fit", partial(fit, save_seconds=0))
-    loss, calls = training.RefinerTraining.loss, []
+    loss, calls = RefinerTraining.loss, []
 
     @wraps(loss)
     def interrupted(*arguments):
@@ -142,7 +125,7 @@ def test_a_run_that_was_killed_goes_on_bit_for_bit(run, source, tmp_path, monkey
             raise KeyboardInterrupt
         return loss(*arguments)
 
-    monkeypatch.setattr(training.RefinerTraining, "loss", interrupted)
+    monkeypatch.setattr(RefinerTraining, "loss", interrupted)
     with pytest.raises(SystemExit, match="130"):
         main(words)
     assert "goes on" in capsys.readouterr().err
@@ -156,7 +139,7 @@ def test_a_run_that_was_killed_goes_on_bit_for_bit(run, source, tmp_path, monkey
 
 def test_a_finished_run_stays_as_it_is(run, source, monkeypatch):
     monkeypatch.setattr(Objective, "__call__", None)
-    monkeypatch.setattr(Windows, "_draw", None)  # nor are windows cut again
+    monkeypatch.setattr(RandomCrops, "draw", None)  # nor are crops cut again
     before = contents(run)
     assert main(train_words(source, run)) == 0
     assert contents(run) == before
@@ -227,7 +210,7 @@ def test_bad_options_of_training(source, tmp_path, capsys, monkeypatch, options,
     "options",
     [
         ["--steps", "13"], ["--refiner-steps", "0"], ["--seed", "1"], ["--objects", "1"],
-        ["--batch", "2"], ["--weight", "0.05"], ["--projection", "unit"], ["--warmup", "0.2"],
+        ["--batch", "2"], ["--weight", "0.1"], ["--projection", "unit"], ["--warmup", "0.2"],
         ["--no-ignore-reversed"],
     ],
 )  # fmt: skip
