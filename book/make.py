@@ -132,6 +132,8 @@ def claims(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
     """Measure what papers claim, into book/chNN_name/claims.json; goes on where it was stopped."""
     from book.tools import confirming, measuring
 
+    if arguments.same_numbers and not arguments.confirm:
+        raise ValueError("--same-numbers: expected --confirm to go with it, got none")
     for option in ("status", "confirm"):
         if getattr(arguments, option) and arguments.scale is not None:
             got = arguments.scale
@@ -140,7 +142,8 @@ def claims(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
         if arguments.status:
             print("\n".join(measuring.status(page, BOOK)))
         elif arguments.confirm:
-            print("\n".join(confirming.confirm(page.name, BOOK)), flush=True)
+            lines = confirming.confirm(page.name, BOOK, arguments.same_numbers)
+            print("\n".join(lines), flush=True)
         else:
             measuring.claims(page.name, BOOK, scale=arguments.scale)
             if arguments.scale in (None, "book"):
@@ -232,6 +235,8 @@ def _parser() -> argparse.ArgumentParser:
             which.add_argument("--status", action="store_true", help=words)
             words = "run what is stale at tiny: where all is as before it counts as measured today"
             which.add_argument("--confirm", action="store_true", help=words)
+            words = "with --confirm: numbers of the own scale were only moved, as runs have shown"
+            command.add_argument("--same-numbers", action="store_true", help=words)
         if function in (train, claims):
             words = "to try it: at tiny and paper the results go to book/_build/SCALE"
             command.add_argument("--scale", choices=SCALES, help=words)

@@ -8,6 +8,8 @@ from pathlib import Path
 SHARE = max(1, (os.cpu_count() or 1) // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
 os.environ["OMP_NUM_THREADS"] = str(SHARE)
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # as make.py has it
+# A hundred processes are started: each would compile all of the project anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402

@@ -3,13 +3,16 @@
 With each result is kept what the same code gave at `tiny`, seed 0, on one thread. After an edit
 that should change nothing, the code of today gives the same at `tiny`, bit for bit, and so do the
 datasets; then the result counts as that of today's code, "confirmed at tiny". Not confirmed can be
-times, and what has other numbers at its own scale: a run at `tiny` does not see them. Where the
-numbers of a run at `tiny` say too little, a measurement declares a `witness`.
+times, and what has other numbers at its own scale: a run at `tiny` does not see them. (Numbers that
+were only moved look like others. Who has compared runs of both at that scale may say so:
+`same_numbers`; the result keeps that it was said.) Where the numbers of a run at `tiny` say too
+little, a measurement declares a `witness`.
 """
 
 from __future__ import annotations
 
 import copy
+import functools
 import platform
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -33,7 +36,7 @@ __all__ = ["confirm"]
 MEANWHILE = "another process has changed it meanwhile, and nothing is kept; again?"
 
 
-def confirm(page: str, book: Path = BOOK) -> list[str]:
+def confirm(page: str, book: Path = BOOK, same_numbers: bool = False) -> list[str]:
     """Confirm what is stale of a page by running it at `tiny`, and keep what runs of today give.
 
     What is fresh is only run where nothing of this kind of machine is kept yet: do that before an
@@ -42,6 +45,8 @@ def confirm(page: str, book: Path = BOOK) -> list[str]:
     Args:
         page: name or number of the page.
         book: the folder of a book.
+        same_numbers: whether what seem to be other numbers at the own scale of a result are the
+            same, stated elsewhere, as runs of both at that scale have shown.
 
     Returns:
         A line for each measurement and each network.
@@ -64,7 +69,8 @@ def confirm(page: str, book: Path = BOOK) -> list[str]:
                 lines.append(f"{found.name}, {name}: not measured yet")
                 continue
             before = copy.deepcopy(entry)
-            words = _confirm(entry, measurement, lambda m=measurement: _values(m))
+            run = functools.partial(_values, measurement)
+            words = _confirm(entry, measurement, run, same_numbers)
             if entry != before:
                 with changing(path) as ledger:
                     if ledger["measurements"].get(name) == before:
@@ -78,7 +84,8 @@ def confirm(page: str, book: Path = BOOK) -> list[str]:
                 lines.append(f"{found.name}, {file.name}: nothing says how it was trained")
                 continue
             before = copy.deepcopy(about)
-            words = _confirm(about, training, lambda t=training: _digest(t))
+            run = functools.partial(_digest, training)
+            words = _confirm(about, training, run, same_numbers)
             with file_lock(file):
                 if read_about(file) == before:
                     write_about(file, about)
@@ -89,7 +96,10 @@ def confirm(page: str, book: Path = BOOK) -> list[str]:
 
 
 def _confirm(
-    entry: dict[str, Any], declared: Measurement | Training, run: Callable[[], Mapping[str, Any]]
+    entry: dict[str, Any],
+    declared: Measurement | Training,
+    run: Callable[[], Mapping[str, Any]],
+    same_numbers: bool,
 ) -> str:
     """Confirm one result, or keep what it gives at tiny; says in words what was done."""
     made = "measured" if isinstance(declared, Measurement) else "trained"
@@ -106,7 +116,8 @@ def _confirm(
         entry |= names  # it may have moved to another module
     if not changed and (here or getattr(declared, "timed", False)):
         return "fresh"
-    why = "" if not changed else _refused(entry, now, kept, here, declared)
+    moved = same_numbers and entry["numbers"] != now["numbers"]
+    why = "" if not changed else _refused(entry, now, kept, here, declared, moved)
     if why:
         return f"stale: {shown(changed)}; {why}"
     found = {
@@ -117,7 +128,8 @@ def _confirm(
     if changed:
         if different := _differing(kept, found):
             return f"stale: {shown(changed)}; other at tiny: {different}"
-        entry |= names | now | {"confirmed": "tiny"}
+        how = "tiny, and said to have the same numbers" if moved else "tiny"
+        entry |= names | now | {"confirmed": how}
     entry["tiny"] = found
     return (
         f"confirmed at tiny ({shown(changed)})" if changed else "fresh; kept what it gives at tiny"
@@ -130,6 +142,7 @@ def _refused(
     kept: Mapping[str, Any],
     here: bool,
     declared: Measurement | Training,
+    moved: bool,
 ) -> str:
     """Why a run at tiny could not confirm this, in words; empty where it could."""
     if getattr(declared, "timed", False):
@@ -140,7 +153,7 @@ def _refused(
         return "what is kept is one number throughout, so it needs a witness"
     if not here:
         return f"what is kept was made on another kind of machine ({kept['machine']})"
-    if entry["numbers"] != now["numbers"]:
+    if entry["numbers"] != now["numbers"] and not moved:
         return f"other numbers at {entry['scale']} scale"
     splits = [{n: w["splits"] for n, w in side["data"].items()} for side in (entry, now)]
     return "other data" if splits[0] != splits[1] else ""

@@ -16,6 +16,7 @@ from book.tools.keys import Key
 from book.tools.site import build
 from book.tools.source import show_source
 from data_tools.readers import READERS
+from data_tools.storage.locks import file_lock
 from posecore import figures
 from posecore.metrics import add
 from tests.book.tools.small_book import forget, write_folio
@@ -260,9 +261,14 @@ def small_site(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def real_site(tmp_path_factory):
-    """The book, and the folder of its site."""
-    return SimpleNamespace(book=BOOK, folder=build(tmp_path_factory.mktemp("site") / "html"))
+def real_site(shared_cache):
+    """The book, and the folder of its site, which is built once for all processes of a run."""
+    folder = shared_cache / "site" / "html"
+    folder.parent.mkdir(exist_ok=True)
+    with file_lock(folder):
+        if not folder.exists():
+            build(folder)
+    return SimpleNamespace(book=BOOK, folder=folder)
 
 
 @pytest.fixture(scope="session", params=["small", "real"])

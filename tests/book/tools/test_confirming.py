@@ -277,6 +277,21 @@ def test_what_may_be_other_stays_stale(
     assert said(book) == found  # nor the next time
 
 
+def test_numbers_that_were_only_moved_are_confirmed_by_who_has_compared_runs(book: Path) -> None:
+    another_number_at_book(book)
+    assert "other numbers at book scale" in said(book)["sized"]
+    lines = confirm("1", book, same_numbers=True)
+    assert "01_poses, sized: confirmed at tiny (experiments.sized)" in lines
+    assert entry(book, "sized")["confirmed"] == "tiny, and said to have the same numbers"
+    assert said(book)["sized"] == "fresh"
+    bits_of_b(book)  # what a run at tiny shows stays an objection
+    another_number = ("tiny=1, book=4", "tiny=1, book=2")
+    change(book, another_number)
+    forget()
+    lines = confirm("1", book, same_numbers=True)
+    assert any("sized: stale: " in line and "other at tiny" in line for line in lines)
+
+
 def test_what_another_machine_kept_confirms_nothing(
     book: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -158,10 +158,10 @@ def run_pytest(project, *words, before=(), **variables):
 
 @pytest.fixture(scope="module")
 def outcome(project, hostile):
-    """One run over all of it, without network; a cell may take 8 s, so that the slow one ends."""
+    """One run over all of it, without network; a cell may take 4 s, so that the slow one ends."""
     # Two switches would stop pytest itself.
     kept = {k: v for k, v in hostile.items() if k not in ("PYTHONOPTIMIZE", "PYTHONWARNINGS")}
-    return run_pytest(project, "pages", "--nbval-cell-timeout=8", before=_without_network(), **kept)
+    return run_pytest(project, "pages", "--nbval-cell-timeout=4", before=_without_network(), **kept)
 
 
 @pytest.mark.parametrize("number, name", list(enumerate(TRAPS)))
