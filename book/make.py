@@ -142,7 +142,7 @@ def claims(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
         if arguments.status:
             print("\n".join(measuring.status(page, BOOK)))
         elif arguments.confirm:
-            lines = confirming.confirm(page.name, BOOK, arguments.same_numbers)
+            lines = confirming.confirm(page.name, BOOK, same_numbers=arguments.same_numbers)
             print("\n".join(lines), flush=True)
         else:
             measuring.claims(page.name, BOOK, scale=arguments.scale)

@@ -110,6 +110,8 @@ def test_each_command_is_that_of_the_tools(make, book, capsys, monkeypatch):
     for option in ("--confirm", "--status"):  # at a scale of their own
         assert make.main(["claims", "1", option, "--scale", "paper"]) == 1
         assert f"--scale: expected none, as {option} has its own" in capsys.readouterr().err
+    assert make.main(["claims", "1", "--same-numbers"]) == 1
+    assert "--same-numbers: expected --confirm" in capsys.readouterr().err
 
 
 def fit(book, make):
