@@ -17,15 +17,10 @@ and the page says
 
 from __future__ import annotations
 
-import contextvars
-import copy
-import ctypes
 import html
 import inspect
 import linecache
 import re
-import threading
-import time
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -34,6 +29,7 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
+from book.tools.running import Limit, Outcome, run
 from book.tools.values import difference, show
 from posecore.arrays import fail, require_integer, require_number
 
@@ -92,7 +88,8 @@ class Exercise:
             the words naming the input for the student: "two equal points".
         hints: what helps; the first failure shows the first, the second the second.
         tolerance: results may differ by `tolerance * (1 + |expected|)`.
-        seconds: the limit for one check, all inputs together.
+        seconds: of the processor's time, the limit for one check, all inputs together
+            (`book.tools.running`).
         compare_as: applied to both results before their values are compared, for answers that are
             right in more than one form; for example a quaternion and its negative.
         judge: for questions with many right answers: called with the result and the arguments, it
@@ -152,16 +149,16 @@ class Exercise:
             return NOT_DONE, "."
         if not callable(student):
             return NOT_RIGHT, f". Expected a function, got {show(student)}."
-        deadline = time.monotonic() + self.seconds
+        limit = Limit(self.seconds)
         count = 0
         for given in self.inputs(np.random.default_rng(self.seed)):
             if not (isinstance(given, tuple) and given and isinstance(given[0], str)):
                 fail("inputs", "tuples that begin with words", show(given))
             words, *arguments = given
-            expected = _call(self.reference, arguments, None)
+            expected = run(self.reference, arguments)
             if expected.error is not None and not isinstance(expected.error, ValueError):
                 raise expected.error
-            got = _call(student, arguments, max(deadline - time.monotonic(), 0.01))
+            got = run(student, arguments, limit)
             if reason := _unfinished(got, expected, first=count == 0):
                 return NOT_DONE, reason
             try:
@@ -177,12 +174,10 @@ class Exercise:
             fail("inputs", "at least one input", "none")
         return DONE, f", {count} inputs {'agree' if self.judge is None else 'pass'}."
 
-    def _compare(
-        self, student: Any, got: _Outcome, expected: _Outcome, arguments: list[Any]
-    ) -> str:
+    def _compare(self, student: Any, got: Outcome, expected: Outcome, arguments: list[Any]) -> str:
         """What is wrong, in words; empty where nothing is."""
         if got.late:
-            return f"not finished after {self.seconds:g} s; perhaps a loop never ends"
+            return got.late
         if expected.error is not None:
             if isinstance(got.error, ValueError):
                 return ""
@@ -198,7 +193,7 @@ class Exercise:
         except ValueError as error:
             return _one_line(str(error)) or "it is refused"
 
-    def _changed(self, got: _Outcome, expected: _Outcome) -> list[str]:
+    def _changed(self, got: Outcome, expected: Outcome) -> list[str]:
         """The names of arrays that the student's function left otherwise than the reference."""
         pairs = zip(self._names(got.arguments), got.arguments, expected.arguments, strict=False)
         arrays = np.ndarray | Tensor
@@ -216,54 +211,7 @@ class Exercise:
         return names + [f"argument {i + 1}" for i in range(len(names), len(arguments))]
 
 
-@dataclass
-class _Outcome:
-    value: Any = None
-    error: BaseException | None = None
-    late: bool = False
-    arguments: tuple[Any, ...] = ()  # as they are afterwards
-
-
-class _Stop(SystemExit):
-    """Sent into a student's thread; a SystemExit ends a thread without a word."""
-
-
-def _call(function: Callable[..., Any], arguments: list[Any], seconds: float | None) -> _Outcome:
-    """Run a function on copies of its arguments, in a thread, for a limited time."""
-    copies = copy.deepcopy(arguments)
-    outcome = _Outcome(arguments=tuple(copies))
-
-    def work() -> None:
-        try:
-            outcome.value = function(*copies)
-        except BaseException as error:
-            outcome.error = error
-
-    # In this cell's context, so that what the student prints appears under this cell.
-    context = contextvars.copy_context()
-    thread = threading.Thread(target=context.run, args=(work,), daemon=True)
-    thread.start()
-    try:
-        thread.join(seconds)
-    finally:  # also where the reader presses the stop button
-        late = thread.is_alive()
-        if late:
-            _stop(thread)
-    return _Outcome(late=True) if late else outcome
-
-
-def _stop(thread: threading.Thread) -> None:
-    """Raise in the thread at its next step of Python: a loop must not go on stealing time."""
-    for _ in range(20):  # it may catch what is raised
-        ctypes.pythonapi.PyThreadState_SetAsyncExc(
-            ctypes.c_ulong(thread.ident or 0), ctypes.py_object(_Stop)
-        )
-        thread.join(0.02)
-        if not thread.is_alive():
-            return
-
-
-def _unfinished(got: _Outcome, expected: _Outcome, first: bool) -> str:
+def _unfinished(got: Outcome, expected: Outcome, first: bool) -> str:
     """Why this is a stub and not a wrong answer; empty where it is none."""
     if isinstance(got.error, NotImplementedError):
         return "."
