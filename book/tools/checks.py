@@ -13,16 +13,20 @@ and the page says
     answer = check_centroid(my_centroid)
     centroid_from_here = use(answer, clouds.centroid)
     answer
+
+Where it is not right, a student goes on with `my_centroid(*answer.inputs)` in a cell of his own.
 """
 
 from __future__ import annotations
 
+import copy
 import html
 import inspect
 import linecache
 import re
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections import namedtuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,6 +34,7 @@ import numpy as np
 from torch import Tensor
 
 from book.tools.running import Limit, Outcome, run
+from book.tools.syntax import Broken
 from book.tools.values import difference, show
 from posecore.arrays import fail, require_integer, require_number
 
@@ -41,11 +46,20 @@ SIGNS = {DONE: ("✓", "#009E73"), NOT_DONE: ("…", "#56B4E9"), NOT_RIGHT: ("�
 
 @dataclass(frozen=True, repr=False)
 class Answer:
-    """What a check says: `status` is one of three, `line` is for the student."""
+    """What a check says: `status` is one of three, `line` is for the student.
+
+    Where an answer is not right on an input, `inputs` are copies of the arguments, by name
+    (`answer.inputs.points`) and in their order (`f(*answer.inputs)`), else an empty tuple. `got` is
+    what came, and `expected` what should have; None where there is none, as after an error, or
+    where many results are right.
+    """
 
     status: str
     line: str
     function: Any = field(compare=False)
+    inputs: tuple[Any, ...] = field(default=(), compare=False)
+    expected: Any = field(default=None, compare=False)
+    got: Any = field(default=None, compare=False)
 
     def __repr__(self) -> str:
         return self.line
@@ -86,7 +100,10 @@ class Exercise:
         reference: the solution; its argument names are those of the messages.
         inputs: takes a generator of random numbers and yields `(words, argument, argument, ...)`,
             the words naming the input for the student: "two equal points".
-        hints: what helps; the first failure shows the first, the second the second.
+        hints: what helps; the first failure shows the first, the second the second. In the place
+            of a text may stand a dict of texts, `{"planar": ..., "it raised": ..., "": ...}`: the
+            first is shown whose key is found in the words of the input or of what is wrong. A
+            misspelled name needs no hint, and gets none.
         tolerance: results may differ by `tolerance * (1 + |expected|)`.
         seconds: of the processor's time, the limit for one check, all inputs together
             (`book.tools.running`).
@@ -108,7 +125,7 @@ class Exercise:
         reference: Callable[..., Any],
         inputs: Callable[[np.random.Generator], Iterable[tuple[Any, ...]]],
         *,
-        hints: tuple[str, ...] = (),
+        hints: tuple[str | Mapping[str, str], ...] = (),
         tolerance: float = 1e-6,
         seconds: float = 10.0,
         compare_as: Callable[[Any], Any] | None = None,
@@ -118,8 +135,10 @@ class Exercise:
         for name, value in (("reference", reference), ("inputs", inputs)):
             if not callable(value):
                 fail(name, "a function", show(value))
-        if isinstance(hints, str) or not all(isinstance(hint, str) for hint in hints):
-            fail("hints", "a tuple of strings", show(hints))
+        if not isinstance(hints, tuple | list) or not all(map(_is_hint, hints)):
+            fail(
+                "hints", 'a tuple of strings, or of dicts of them whose last key is ""', show(hints)
+            )
         self.reference, self.inputs, self.hints = reference, inputs, tuple(hints)
         self.tolerance = require_number("tolerance", tolerance, low=0)
         self.seconds = require_number("seconds", seconds, above=0)
@@ -135,20 +154,24 @@ class Exercise:
         with warnings.catch_warnings():
             # A warning in the student's arithmetic shows in the value, which the line compares.
             warnings.simplefilter("ignore")
-            status, words = self._judge(student)
-        if status == NOT_RIGHT and self.hints:
+            found = self._judge(student)
+        line = f"{name}: {found.status}{found.words}"
+        if found.status == NOT_RIGHT and self.hints and not found.says_all:
             number = min(self.failures, len(self.hints) - 1)
-            words += f" Hint {number + 1} of {len(self.hints)}: {self.hints[number]}"
+            text = _fitting(self.hints[number], found.failed)
+            line += f" Hint {number + 1} of {len(self.hints)}: {text}"
             self.failures += 1
-        if status == DONE:
+        if found.status == DONE:
             self.failures = 0
-        return Answer(status, f"{name}: {status}{words}", student)
+        return Answer(found.status, line, student, found.inputs, found.expected, found.got)
 
-    def _judge(self, student: Any) -> tuple[str, str]:
+    def _judge(self, student: Any) -> _Found:
         if student is None or student is ...:
-            return NOT_DONE, "."
+            return _Found(NOT_DONE, ".")
+        if isinstance(student, Broken):
+            return _Found(NOT_RIGHT, f": {student.words}.", says_all=True)
         if not callable(student):
-            return NOT_RIGHT, f". Expected a function, got {show(student)}."
+            return _Found(NOT_RIGHT, f". Expected a function, got {show(student)}.")
         limit = Limit(self.seconds)
         count = 0
         for given in self.inputs(np.random.default_rng(self.seed)):
@@ -160,7 +183,7 @@ class Exercise:
                 raise expected.error
             got = run(student, arguments, limit)
             if reason := _unfinished(got, expected, first=count == 0):
-                return NOT_DONE, reason
+                return _Found(NOT_DONE, reason)
             try:
                 wrong = self._compare(student, got, expected, arguments)
             except Exception as error:  # what came may refuse to be looked at
@@ -168,11 +191,19 @@ class Exercise:
             if changed := [] if wrong else self._changed(got, expected):
                 wrong = f"it changes its {changed[0]}, which belongs to the caller; work on a copy"
             if wrong:
-                return NOT_RIGHT, f". On {words} ({self._describe(arguments)}): {wrong}."
+                return _Found(
+                    NOT_RIGHT,
+                    f". On {words} (answer.inputs: {self._describe(arguments)}): {wrong}.",
+                    failed=f"{words}: {wrong}",
+                    says_all=isinstance(got.error, NameError | ImportError),
+                    inputs=self._handed_out(arguments),
+                    expected=expected.value if self.judge is None else None,
+                    got=got.value,
+                )
             count += 1
         if count == 0:
             fail("inputs", "at least one input", "none")
-        return DONE, f", {count} inputs {'agree' if self.judge is None else 'pass'}."
+        return _Found(DONE, f", {count} inputs {'agree' if self.judge is None else 'pass'}.")
 
     def _compare(self, student: Any, got: Outcome, expected: Outcome, arguments: list[Any]) -> str:
         """What is wrong, in words; empty where nothing is."""
@@ -203,12 +234,43 @@ class Exercise:
         named = zip(self._names(arguments), arguments, strict=False)
         return ", ".join(f"{name} = {show(argument)}" for name, argument in named)
 
+    def _handed_out(self, arguments: list[Any]) -> tuple[Any, ...]:
+        names = self._names(arguments)[: len(arguments)]
+        return namedtuple("Inputs", names, rename=True)(*copy.deepcopy(arguments))
+
     def _names(self, arguments: Sequence[Any]) -> list[str]:
         try:
             names = list(inspect.signature(self.reference).parameters)
         except (TypeError, ValueError):  # some functions of C have none
             names = []
         return names + [f"argument {i + 1}" for i in range(len(names), len(arguments))]
+
+
+@dataclass
+class _Found:
+    """What a check finds: as an `Answer`, its words without name, status and hint."""
+
+    status: str
+    words: str
+    failed: str = ""  # the input in words, and what is wrong: hints fit it
+    says_all: bool = False  # a hint would say no more
+    inputs: tuple[Any, ...] = ()
+    expected: Any = None
+    got: Any = None
+
+
+def _is_hint(hint: Any) -> bool:
+    if not isinstance(hint, Mapping):
+        return isinstance(hint, str)
+    return list(hint)[-1:] == [""] and all(
+        isinstance(x, str) for pair in hint.items() for x in pair
+    )
+
+
+def _fitting(hint: str | Mapping[str, str], failed: str) -> str:
+    if isinstance(hint, str):
+        return hint
+    return next(text for key, text in hint.items() if key in failed)  # "" is in everything
 
 
 def _unfinished(got: Outcome, expected: Outcome, first: bool) -> str:

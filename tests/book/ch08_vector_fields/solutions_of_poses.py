@@ -114,9 +114,7 @@ def covariance_of_whole_weights_fails(points: Any, weights: Any) -> tuple[Tensor
     return mean, (weights[some, None] * off).T @ off / weights.sum()
 
 
-@wrong(
-    "mean_and_covariance", "weights that sum to 1", "got array (2, 2) [[0.96, 0.], [0., 0.84]]"
-)
+@wrong("mean_and_covariance", "weights that sum to 1", "got array (2, 2) [[0.96, 0.], [0., 0.84]]")
 def covariance_on_the_diagonal(points: Any, weights: Any) -> tuple[Tensor, Tensor]:
     mean, C = checks.mean_and_covariance(points, weights)
     return mean, torch.diag(C.diagonal())
