@@ -6,7 +6,7 @@ in an editor or in JupyterLab. Then, for every page NN that you touched:
 
   python book/make.py pair NN       bring notebook, solutions and exercises in step
   python book/make.py execute NN    run the page and store what it shows (minutes)
-  python book/make.py check         say what is not fit to be committed
+  python book/make.py check         say what is not fit to be committed, and how long pages are
   pytest book -k NN                 run page, solutions and exercises, at a small scale
 
 Solutions are written in solutions/solutions_NN_name.py; exercises are generated from them, never
@@ -158,9 +158,12 @@ def site(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
 
 
 def check(chosen: Sequence[Page], arguments: argparse.Namespace) -> None:
-    """Say what makes the book unfit to be committed, and what is stale; nothing is run."""
-    from book.tools import checking
+    """Say how long pages are, what makes the book unfit to be committed, and what is stale."""
+    from book.tools import budget, checking
 
+    # A long page is told of, and is no reason to fail.
+    lengths = [line for line in (budget.budget(page, BOOK) for page in chosen) if line]
+    print("\n".join(lengths), end="\n" if lengths else "")
     only = chosen if arguments.pages else None
     found, old = checking.problems(BOOK, only), checking.stale(BOOK, only)
     print("\n".join([*found, *old] or ["fit to be committed, and nothing is stale"]))

@@ -26,6 +26,8 @@
 #   done, and the library's if not. So try the exercises in any order.
 # - Keep the functions' names. To look at what yours does, add a cell of your own (`Esc`, then `B`)
 #   and call it as the example in its docstring does.
+# - `answer.inputs` are the arguments of that first input, `answer.expected` and `answer.got` the two
+#   results: call your function with them, `f(*answer.inputs)`, to see what it does there.
 
 # %%
 import numpy as np
@@ -33,9 +35,11 @@ from scipy.stats import binned_statistic
 
 from book.ch01_poses_and_cameras import checks
 from book.tools.checks import use
+from book.tools.syntax import forgive_syntax
 from posecore import figures, metrics, poses, rotations
 from posecore.figures.style import COLOURS
 
+forgive_syntax()  # a cell that is no Python says so, and the page goes on
 rng = np.random.default_rng(0)
 
 # %% [markdown]

@@ -26,6 +26,8 @@
 #   done, and the library's if not. So try the exercises in any order.
 # - Keep the functions' names. To look at what yours does, add a cell of your own (`Esc`, then `B`)
 #   and call it as the example in its docstring does.
+# - `answer.inputs` are the arguments of that first input, `answer.expected` and `answer.got` the two
+#   results: call your function with them, `f(*answer.inputs)`, to see what it does there.
 
 # %%
 from dataclasses import replace
@@ -35,10 +37,12 @@ import numpy as np
 
 from book.ch02_small_worlds import checks
 from book.tools.checks import use
+from book.tools.syntax import forgive_syntax
 from data_tools import renderer, sensors, shapes
 from posecore import cameras, figures, poses, rotations
 from posecore.figures.style import COLOURS
 
+forgive_syntax()  # a cell that is no Python says so, and the page goes on
 rng = np.random.default_rng(0)
 
 # %% [markdown]

@@ -26,6 +26,8 @@
 #   done, and the library's if not. So try the exercises in any order.
 # - Keep the functions' names. To look at what yours does, add a cell of your own (`Esc`, then `B`)
 #   and call it as the example in its docstring does.
+# - `answer.inputs` are the arguments of that first input, `answer.expected` and `answer.got` the two
+#   results: call your function with them, `f(*answer.inputs)`, to see what it does there.
 #
 # All numbers are torch tensors, and all inputs of the checks are `float64`.
 
@@ -36,11 +38,13 @@ from torch import nn
 
 from book.ch05_learnable_rotations import checks
 from book.tools.checks import use
+from book.tools.syntax import forgive_syntax
 from posecore import figures, rotations
 from posecore.figures.style import COLOURS, STYLES
 from posecore.nets.rotation_heads import RotationHead
 from posecore.scale import choose, scale
 
+forgive_syntax()  # a cell that is no Python says so, and the page goes on
 generator = torch.Generator().manual_seed(0)
 torch.set_default_dtype(torch.float64)
 

@@ -26,6 +26,8 @@
 #   done, and the library's if not. So try the exercises in any order.
 # - Keep the functions' names. To look at what yours does, add a cell of your own (`Esc`, then `B`)
 #   and call it as the example in its docstring does.
+# - `answer.inputs` are the arguments of that first input, `answer.expected` and `answer.got` the two
+#   results: call your function with them, `f(*answer.inputs)`, to see what it does there.
 #
 # All numbers are torch tensors, and the inputs of the checks are `float64` unless a check says
 # otherwise. Pixels are (x, y), x to the right and y down.
@@ -39,12 +41,14 @@ from torch.nn import functional as F
 from book.ch08_vector_fields import checks
 from book.ch08_vector_fields.drawing import exercises as draw
 from book.tools.checks import use
+from book.tools.syntax import forgive_syntax
 from data_tools import renderer, sensors, shapes
 from posecore import cameras, clouds, figures, metrics, poses, registration, rotations
 from posecore.methods.vector_field import voting
 from posecore.models import model_keypoints
 from posecore.scale import choose, scale
 
+forgive_syntax()  # a cell that is no Python says so, and the page goes on
 generator = torch.Generator().manual_seed(0)
 torch.set_default_dtype(torch.float64)
 

@@ -17,6 +17,7 @@ import safetensors
 import safetensors.torch
 from nbformat import NotebookNode
 
+from book.tools.budget import LARGEST_NOTEBOOK, LONGEST_CELL, lines_of_code
 from book.tools.checkpoints import read_about, wrong_weights
 from book.tools.contents import BOOK, PARTS, ROOT, Page, notebooks, notebooks_of, pages
 from book.tools.execution import WIDGET_VIEW
@@ -35,12 +36,7 @@ from book.tools.notebooks import (
     source_bytes,
 )
 
-__all__ = ["LARGEST_NOTEBOOK", "LONGEST_CELL", "problems", "stale"]
-
-LARGEST_NOTEBOOK = 1_500_000
-"""Bytes of an executed page."""
-LONGEST_CELL = 15
-"""Lines of code in one cell of a page, without blank ones, comments and docstrings."""
+__all__ = ["problems", "stale"]
 
 NOT_PAGES = {"__init__.py", "make.py", "conftest.py"}
 NOT_OURS = {"my_work", "_build", ".ipynb_checkpoints"}
@@ -181,7 +177,7 @@ def _executed_page(source: Path) -> Iterator[str]:
     nb = read_notebook(target)
     yield from _outputs_belong(nb)
     for number, cell in _code_cells(nb):
-        if _length(cell.source) > LONGEST_CELL:
+        if lines_of_code(cell.source) > LONGEST_CELL:
             yield f"cell {number} has more than {LONGEST_CELL} lines of code"
         for output in cell.outputs:
             for problem in _output(output):
@@ -285,17 +281,3 @@ def _marks(cell: NotebookNode) -> set[str]:
     comments = [line.strip() for line in cell.source.split("\n") if line.strip().startswith("#")]
     marks = [*cell.metadata.get("tags", []), *(line.lstrip("#").strip() for line in comments)]
     return {mark.lower().replace("_", "-") for mark in marks}
-
-
-def _length(source: str) -> int:
-    """Lines of code, without blank ones, comments and docstrings."""
-    try:
-        tree = ast.parse(source)
-    except SyntaxError:
-        return 0  # told of elsewhere
-    lines = {n for n, line in enumerate(source.split("\n"), 1) if line.strip()}
-    lines -= {n for n, line in enumerate(source.split("\n"), 1) if line.strip().startswith("#")}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and ast.get_docstring(node):
-            lines -= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
-    return len(lines)

@@ -13,27 +13,28 @@ and the page says
     answer = check_centroid(my_centroid)
     centroid_from_here = use(answer, clouds.centroid)
     answer
+
+Where it is not right, a student goes on with `my_centroid(*answer.inputs)` in a cell of his own.
 """
 
 from __future__ import annotations
 
-import contextvars
 import copy
-import ctypes
 import html
 import inspect
 import linecache
 import re
-import threading
-import time
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections import namedtuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from torch import Tensor
 
+from book.tools.running import Limit, Outcome, run
+from book.tools.syntax import Broken
 from book.tools.values import difference, show
 from posecore.arrays import fail, require_integer, require_number
 
@@ -45,11 +46,20 @@ SIGNS = {DONE: ("✓", "#009E73"), NOT_DONE: ("…", "#56B4E9"), NOT_RIGHT: ("�
 
 @dataclass(frozen=True, repr=False)
 class Answer:
-    """What a check says: `status` is one of three, `line` is for the student."""
+    """What a check says: `status` is one of three, `line` is for the student.
+
+    Where an answer is not right on an input, `inputs` are copies of the arguments, by name
+    (`answer.inputs.points`) and in their order (`f(*answer.inputs)`), else an empty tuple. `got` is
+    what came, and `expected` what should have; None where there is none, as after an error, or
+    where many results are right.
+    """
 
     status: str
     line: str
     function: Any = field(compare=False)
+    inputs: tuple[Any, ...] = field(default=(), compare=False)
+    expected: Any = field(default=None, compare=False)
+    got: Any = field(default=None, compare=False)
 
     def __repr__(self) -> str:
         return self.line
@@ -90,9 +100,13 @@ class Exercise:
         reference: the solution; its argument names are those of the messages.
         inputs: takes a generator of random numbers and yields `(words, argument, argument, ...)`,
             the words naming the input for the student: "two equal points".
-        hints: what helps; the first failure shows the first, the second the second.
+        hints: what helps; the first failure shows the first, the second the second. In the place
+            of a text may stand a dict of texts, `{"planar": ..., "it raised": ..., "": ...}`: the
+            first is shown whose key is found in the words of the input or of what is wrong. A
+            misspelled name needs no hint, and gets none.
         tolerance: results may differ by `tolerance * (1 + |expected|)`.
-        seconds: the limit for one check, all inputs together.
+        seconds: of the processor's time, the limit for one check, all inputs together
+            (`book.tools.running`).
         compare_as: applied to both results before their values are compared, for answers that are
             right in more than one form; for example a quaternion and its negative.
         judge: for questions with many right answers: called with the result and the arguments, it
@@ -111,7 +125,7 @@ class Exercise:
         reference: Callable[..., Any],
         inputs: Callable[[np.random.Generator], Iterable[tuple[Any, ...]]],
         *,
-        hints: tuple[str, ...] = (),
+        hints: tuple[str | Mapping[str, str], ...] = (),
         tolerance: float = 1e-6,
         seconds: float = 10.0,
         compare_as: Callable[[Any], Any] | None = None,
@@ -121,8 +135,10 @@ class Exercise:
         for name, value in (("reference", reference), ("inputs", inputs)):
             if not callable(value):
                 fail(name, "a function", show(value))
-        if isinstance(hints, str) or not all(isinstance(hint, str) for hint in hints):
-            fail("hints", "a tuple of strings", show(hints))
+        if not isinstance(hints, tuple | list) or not all(map(_is_hint, hints)):
+            fail(
+                "hints", 'a tuple of strings, or of dicts of them whose last key is ""', show(hints)
+            )
         self.reference, self.inputs, self.hints = reference, inputs, tuple(hints)
         self.tolerance = require_number("tolerance", tolerance, low=0)
         self.seconds = require_number("seconds", seconds, above=0)
@@ -138,32 +154,36 @@ class Exercise:
         with warnings.catch_warnings():
             # A warning in the student's arithmetic shows in the value, which the line compares.
             warnings.simplefilter("ignore")
-            status, words = self._judge(student)
-        if status == NOT_RIGHT and self.hints:
+            found = self._judge(student)
+        line = f"{name}: {found.status}{found.words}"
+        if found.status == NOT_RIGHT and self.hints and not found.says_all:
             number = min(self.failures, len(self.hints) - 1)
-            words += f" Hint {number + 1} of {len(self.hints)}: {self.hints[number]}"
+            text = _fitting(self.hints[number], found.failed)
+            line += f" Hint {number + 1} of {len(self.hints)}: {text}"
             self.failures += 1
-        if status == DONE:
+        if found.status == DONE:
             self.failures = 0
-        return Answer(status, f"{name}: {status}{words}", student)
+        return Answer(found.status, line, student, found.inputs, found.expected, found.got)
 
-    def _judge(self, student: Any) -> tuple[str, str]:
+    def _judge(self, student: Any) -> _Found:
         if student is None or student is ...:
-            return NOT_DONE, "."
+            return _Found(NOT_DONE, ".")
+        if isinstance(student, Broken):
+            return _Found(NOT_RIGHT, f": {student.words}.", says_all=True)
         if not callable(student):
-            return NOT_RIGHT, f". Expected a function, got {show(student)}."
-        deadline = time.monotonic() + self.seconds
+            return _Found(NOT_RIGHT, f". Expected a function, got {show(student)}.")
+        limit = Limit(self.seconds)
         count = 0
         for given in self.inputs(np.random.default_rng(self.seed)):
             if not (isinstance(given, tuple) and given and isinstance(given[0], str)):
                 fail("inputs", "tuples that begin with words", show(given))
             words, *arguments = given
-            expected = _call(self.reference, arguments, None)
+            expected = run(self.reference, arguments)
             if expected.error is not None and not isinstance(expected.error, ValueError):
                 raise expected.error
-            got = _call(student, arguments, max(deadline - time.monotonic(), 0.01))
+            got = run(student, arguments, limit)
             if reason := _unfinished(got, expected, first=count == 0):
-                return NOT_DONE, reason
+                return _Found(NOT_DONE, reason)
             try:
                 wrong = self._compare(student, got, expected, arguments)
             except Exception as error:  # what came may refuse to be looked at
@@ -171,18 +191,24 @@ class Exercise:
             if changed := [] if wrong else self._changed(got, expected):
                 wrong = f"it changes its {changed[0]}, which belongs to the caller; work on a copy"
             if wrong:
-                return NOT_RIGHT, f". On {words} ({self._describe(arguments)}): {wrong}."
+                return _Found(
+                    NOT_RIGHT,
+                    f". On {words} (answer.inputs: {self._describe(arguments)}): {wrong}.",
+                    failed=f"{words}: {wrong}",
+                    says_all=isinstance(got.error, NameError | ImportError),
+                    inputs=self._handed_out(arguments),
+                    expected=expected.value if self.judge is None else None,
+                    got=got.value,
+                )
             count += 1
         if count == 0:
             fail("inputs", "at least one input", "none")
-        return DONE, f", {count} inputs {'agree' if self.judge is None else 'pass'}."
+        return _Found(DONE, f", {count} inputs {'agree' if self.judge is None else 'pass'}.")
 
-    def _compare(
-        self, student: Any, got: _Outcome, expected: _Outcome, arguments: list[Any]
-    ) -> str:
+    def _compare(self, student: Any, got: Outcome, expected: Outcome, arguments: list[Any]) -> str:
         """What is wrong, in words; empty where nothing is."""
         if got.late:
-            return f"not finished after {self.seconds:g} s; perhaps a loop never ends"
+            return got.late
         if expected.error is not None:
             if isinstance(got.error, ValueError):
                 return ""
@@ -198,7 +224,7 @@ class Exercise:
         except ValueError as error:
             return _one_line(str(error)) or "it is refused"
 
-    def _changed(self, got: _Outcome, expected: _Outcome) -> list[str]:
+    def _changed(self, got: Outcome, expected: Outcome) -> list[str]:
         """The names of arrays that the student's function left otherwise than the reference."""
         pairs = zip(self._names(got.arguments), got.arguments, expected.arguments, strict=False)
         arrays = np.ndarray | Tensor
@@ -207,6 +233,10 @@ class Exercise:
     def _describe(self, arguments: list[Any]) -> str:
         named = zip(self._names(arguments), arguments, strict=False)
         return ", ".join(f"{name} = {show(argument)}" for name, argument in named)
+
+    def _handed_out(self, arguments: list[Any]) -> tuple[Any, ...]:
+        names = self._names(arguments)[: len(arguments)]
+        return namedtuple("Inputs", names, rename=True)(*copy.deepcopy(arguments))
 
     def _names(self, arguments: Sequence[Any]) -> list[str]:
         try:
@@ -217,53 +247,33 @@ class Exercise:
 
 
 @dataclass
-class _Outcome:
-    value: Any = None
-    error: BaseException | None = None
-    late: bool = False
-    arguments: tuple[Any, ...] = ()  # as they are afterwards
+class _Found:
+    """What a check finds: as an `Answer`, its words without name, status and hint."""
+
+    status: str
+    words: str
+    failed: str = ""  # the input in words, and what is wrong: hints fit it
+    says_all: bool = False  # a hint would say no more
+    inputs: tuple[Any, ...] = ()
+    expected: Any = None
+    got: Any = None
 
 
-class _Stop(SystemExit):
-    """Sent into a student's thread; a SystemExit ends a thread without a word."""
+def _is_hint(hint: Any) -> bool:
+    if not isinstance(hint, Mapping):
+        return isinstance(hint, str)
+    return list(hint)[-1:] == [""] and all(
+        isinstance(x, str) for pair in hint.items() for x in pair
+    )
 
 
-def _call(function: Callable[..., Any], arguments: list[Any], seconds: float | None) -> _Outcome:
-    """Run a function on copies of its arguments, in a thread, for a limited time."""
-    copies = copy.deepcopy(arguments)
-    outcome = _Outcome(arguments=tuple(copies))
-
-    def work() -> None:
-        try:
-            outcome.value = function(*copies)
-        except BaseException as error:
-            outcome.error = error
-
-    # In this cell's context, so that what the student prints appears under this cell.
-    context = contextvars.copy_context()
-    thread = threading.Thread(target=context.run, args=(work,), daemon=True)
-    thread.start()
-    try:
-        thread.join(seconds)
-    finally:  # also where the reader presses the stop button
-        late = thread.is_alive()
-        if late:
-            _stop(thread)
-    return _Outcome(late=True) if late else outcome
+def _fitting(hint: str | Mapping[str, str], failed: str) -> str:
+    if isinstance(hint, str):
+        return hint
+    return next(text for key, text in hint.items() if key in failed)  # "" is in everything
 
 
-def _stop(thread: threading.Thread) -> None:
-    """Raise in the thread at its next step of Python: a loop must not go on stealing time."""
-    for _ in range(20):  # it may catch what is raised
-        ctypes.pythonapi.PyThreadState_SetAsyncExc(
-            ctypes.c_ulong(thread.ident or 0), ctypes.py_object(_Stop)
-        )
-        thread.join(0.02)
-        if not thread.is_alive():
-            return
-
-
-def _unfinished(got: _Outcome, expected: _Outcome, first: bool) -> str:
+def _unfinished(got: Outcome, expected: Outcome, first: bool) -> str:
     """Why this is a stub and not a wrong answer; empty where it is none."""
     if isinstance(got.error, NotImplementedError):
         return "."

@@ -13,31 +13,65 @@ from torch import Tensor
 __all__ = ["difference", "show"]
 
 LONGEST = 120  # characters of one printed value
-SMALL = 8  # arrays of at most so many entries are printed whole
+SMALL = 9  # arrays of at most so many entries are printed whole; rotations are
+DIGITS = range(6, 18)  # with 17, two numbers that differ look different
 
 
 def show(value: Any) -> str:
-    """A value in a few words on one line; arrays with their shape and first and last entries."""
+    """A value in a few words on one line.
+
+    Arrays come with their shape, the small ones whole and of the others the first and last entries.
+    Numbers have the digits that are meant: no rounding of float32 is seen, and no 1e-17 for 0.
+    """
     if isinstance(value, np.ndarray | Tensor) and value.ndim:
-        array = _array(value)
         kind = "tensor" if isinstance(value, Tensor) else "array"
-        text = np.array2string(array, precision=4, threshold=SMALL, edgeitems=1, separator=", ")
-        return f"{kind} {tuple(array.shape)} {_short(text)}"
+        array = _array(value)
+        return f"{kind} {tuple(array.shape)} {_short(_entries(array))}"
     if isinstance(value, np.ndarray | Tensor | np.generic):
         value = value.item()
     if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, list | tuple):
-        inside = ", ".join(show(item) for item in value[:4]) + (", ..." if len(value) > 4 else "")
-        if isinstance(value, list):
-            return _short(f"[{inside}]")
-        return _short(f"({inside}{',' if len(value) == 1 else ''})")
+        return f"{value + 0.0:.6g}"  # -0 becomes 0
+    if isinstance(value, dict):
+        return _short(f"{{{_inside([f'{key!r}: {show(item)}' for key, item in value.items()])}}}")
+    if isinstance(value, list):
+        return _short(f"[{_inside([show(item) for item in value[:5]])}]")
+    if isinstance(value, tuple):
+        comma = "," if len(value) == 1 else ""
+        return _short(f"({_inside([show(item) for item in value[:5]])}{comma})")
     if inspect.isroutine(value) or inspect.isclass(value):
         return getattr(value, "__name__", type(value).__name__)
     try:
         return _short(repr(value))
     except Exception:
         return f"an instance of {type(value).__name__}"
+
+
+def _inside(items: list[str]) -> str:
+    return ", ".join(items[:4]) + (", ..." if len(items) > 4 else "")
+
+
+def _entries(array: np.ndarray) -> str:
+    """The entries of an array as NumPy has them, but each no longer than it needs."""
+    if array.dtype.kind == "f" and array.size:
+        largest = np.abs(array[np.isfinite(array)]).max(initial=0.0)
+        # What is left where numbers of this size cancel.
+        array = np.where(np.abs(array) <= 8 * np.finfo(array.dtype).eps * largest, 0, array)
+    return np.array2string(
+        array,
+        threshold=SMALL,
+        edgeitems=1,
+        separator=", ",
+        formatter={"float_kind": _entry, "int": str, "bool": str},
+    )
+
+
+def _entry(number: float) -> str:
+    """Four digits, or four decimals; a whole number ends in a dot, as NumPy has it."""
+    if number == 0:
+        return "0."
+    if not 0.1 <= abs(number) < 1e6:  # also nan and inf
+        return f"{number:.4g}"
+    return f"{number:.4f}".rstrip("0")
 
 
 def _short(text: str) -> str:
@@ -123,6 +157,7 @@ def _values_differ(got: np.ndarray, expected: np.ndarray, tolerance: float) -> s
         wrong = ~np.isclose(got, expected, rtol=tolerance, atol=tolerance, equal_nan=True)
     if not wrong.any():
         return ""
+    expected, got = (_without_noise(array, tolerance) for array in (expected, got))
     want, have = show(expected), show(got)
     if 0 < expected.ndim and expected.size <= SMALL and want != have:
         return f"expected {want}, got {have}"
@@ -136,10 +171,20 @@ def _values_differ(got: np.ndarray, expected: np.ndarray, tolerance: float) -> s
     )
 
 
-def _tell_apart(*numbers: float) -> list[str]:
-    """Numbers with as many digits as it takes to see the difference."""
-    short = [f"{number:.6g}" if isinstance(number, float) else str(number) for number in numbers]
-    return short if len(set(short)) > 1 else [repr(number) for number in numbers]
+def _without_noise(array: np.ndarray, tolerance: float) -> np.ndarray:
+    """0 for what is 0 as far as anybody looks."""
+    if array.dtype.kind != "f":
+        return array
+    return np.where(np.abs(array) < 1e-3 * tolerance, array.dtype.type(0), array)
+
+
+def _tell_apart(a: float, b: float) -> tuple[str, str]:
+    """Two numbers with as many digits as it takes to see the difference."""
+    for digits in DIGITS:
+        pair = [f"{x + 0.0:.{digits}g}" if isinstance(x, float) else str(x) for x in (a, b)]
+        if pair[0] != pair[1]:
+            break
+    return pair[0], pair[1]
 
 
 def _array(value: Any) -> np.ndarray:

@@ -19,7 +19,7 @@ and hands them over:
 
 import copy
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import ModuleType
 from typing import Any, ClassVar, NamedTuple
 
@@ -62,6 +62,16 @@ class Solutions(list[Solution]):
 def stub(*given: Any) -> None:
     """As a student gets it."""
     ...
+
+
+def texts(hint: str | Mapping[str, str]) -> list[str]:
+    """All that a hint may say."""
+    return [hint] if isinstance(hint, str) else list(hint.values())
+
+
+def keys(hint: str | Mapping[str, str]) -> list[str]:
+    """What a hint fits; all else is "", which is not among them."""
+    return [] if isinstance(hint, str) else [key for key in hint if key]
 
 
 @functools.cache
@@ -115,9 +125,18 @@ class ExerciseTests:
         assert " = " in given
         assert wrong.said in said, line
         assert all(word in said for word in self.every_line_says), line
-        assert hint == exercise.hints[0]
+        assert hint in texts(exercise.hints[0])
         again = exercise(wrong.function).line
-        assert again.endswith(f" Hint 2 of 2: {exercise.hints[1]}")
+        assert again.partition(" Hint 2 of 2: ")[2] in texts(exercise.hints[1])
+        # What is wrong can be seen again in a cell of one's own.
+        assert answer.inputs
+
+    def test_every_hint_that_fits_something_fits_a_wrong_solution(self, check: str) -> None:
+        mine = [one for one in self.solutions if f"check_{one.exercise}" == check]
+        known = [f"{one.given_away_by}: {one.said}" for one in mine if one.given_away_by]
+        for hint in getattr(self.checks, check).hints:
+            unused = [key for key in keys(hint) if not any(key in words for words in known)]
+            assert not unused
 
     def test_every_exercise_has_solutions_of_both_kinds_and_two_hints(self) -> None:
         names = [name for name in vars(self.checks) if name.startswith("check_")]

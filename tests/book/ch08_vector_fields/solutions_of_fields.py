@@ -74,7 +74,7 @@ def _rays(
     return torch.where((meet(s, r) & ~parallel(u, v))[:, None], p + s[:, None] * u, fill)
 
 
-@wrong("intersect_rays", "directions as long as 1e4", "got array (1, 2) [[2.e+10, 4.e+10]]")
+@wrong("intersect_rays", "directions as long as 1e4", "got array (1, 2) [[2e+10, 4e+10]]")
 def rays_by_exact_zero(p: Any, u: Any, q: Any, v: Any) -> Tensor:
     return _rays(p, u, q, v, parallel=lambda u, v: cross(u, v) == 0)
 

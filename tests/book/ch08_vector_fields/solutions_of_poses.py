@@ -53,14 +53,14 @@ def _covariance(
 @wrong(
     "mean_and_covariance",
     "four corners of a square, equal weights",
-    "got array (2, 2) [[1.3333, 0. ], [0. , 1.3333",
+    "got array (2, 2) [[1.3333, 0.], [0., 1.3333",
 )
 def covariance_of_samples(points: Any, weights: Any) -> tuple[Tensor, Tensor]:
     return _covariance(points, weights, divide=lambda w: w.sum() - 1)
 
 
 @wrong(
-    "mean_and_covariance", "weights that sum to 1", "got array (2, 2) [[ 0.24, -0.02], [-0.02, 0.2"
+    "mean_and_covariance", "weights that sum to 1", "got array (2, 2) [[0.24, -0.02], [-0.02, 0.2"
 )
 def covariance_by_count(points: Any, weights: Any) -> tuple[Tensor, Tensor]:
     return _covariance(points, weights, divide=len)
@@ -114,9 +114,7 @@ def covariance_of_whole_weights_fails(points: Any, weights: Any) -> tuple[Tensor
     return mean, (weights[some, None] * off).T @ off / weights.sum()
 
 
-@wrong(
-    "mean_and_covariance", "weights that sum to 1", "got array (2, 2) [[0.96, 0. ], [0. , 0.84]]"
-)
+@wrong("mean_and_covariance", "weights that sum to 1", "got array (2, 2) [[0.96, 0.], [0., 0.84]]")
 def covariance_on_the_diagonal(points: Any, weights: Any) -> tuple[Tensor, Tensor]:
     mean, C = checks.mean_and_covariance(points, weights)
     return mean, torch.diag(C.diagonal())

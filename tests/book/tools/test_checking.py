@@ -4,7 +4,8 @@ import re
 import pytest
 from nbformat.v4 import new_output
 
-from book.tools.checking import LARGEST_NOTEBOOK, problems, stale
+from book.tools.budget import LARGEST_NOTEBOOK
+from book.tools.checking import problems, stale
 from book.tools.contents import Page, find_page, pages
 from book.tools.exercises import generate
 from book.tools.inputs import inputs

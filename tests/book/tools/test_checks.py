@@ -30,7 +30,7 @@ def inputs(rng: np.random.Generator) -> Iterator[tuple]:
 
 HINTS = ("Weigh first.", "Divide by the sum.")
 check = Exercise(centroid, inputs)
-ONE = "On one point (points = array (1, 2) [[1., 1.]], weights = array (1,) [1.])"
+ONE = "On one point (answer.inputs: points = array (1, 2) [[1., 1.]], weights = array (1,) [1.])"
 
 
 def answer_to(student: Any, **settings: Any) -> Answer:
@@ -137,13 +137,19 @@ def test_a_judge_takes_any_right_answer() -> None:
 @pytest.mark.parametrize(
     ("student", "words"),
     [
-        (lambda n: 2.0, "nine (n = 9): expected a root of 9.0, got 2.0."),
-        (lambda n: 101.0, "four (n = 4): result: expected at most 100, got 101.0."),
-        (lambda n: -101.0, "four (n = 4): it is refused."),
-        (lambda n: "2", "four (n = 4): expected a number, got text."),
-        (lambda n: np.ones(2), "four (n = 4): expected a number, got an array of shape (2,)."),
-        (lambda n: np.nan, "four (n = 4): expected a root of 4.0, got nan."),
-        (lambda n: n / 0, "four (n = 4): it raised ZeroDivisionError: float division by zero"),
+        (lambda n: 2.0, "nine (answer.inputs: n = 9): expected a root of 9.0, got 2.0."),
+        (lambda n: 101.0, "four (answer.inputs: n = 4): result: expected at most 100, got 101.0."),
+        (lambda n: -101.0, "four (answer.inputs: n = 4): it is refused."),
+        (lambda n: "2", "four (answer.inputs: n = 4): expected a number, got text."),
+        (
+            lambda n: np.ones(2),
+            "four (answer.inputs: n = 4): expected a number, got an array of shape (2,).",
+        ),
+        (lambda n: np.nan, "four (answer.inputs: n = 4): expected a root of 4.0, got nan."),
+        (
+            lambda n: n / 0,
+            "four (answer.inputs: n = 4): it raised ZeroDivisionError: float division by zero",
+        ),
     ],
 )
 def test_a_judge_says_what_is_wrong(student: Any, words: str) -> None:
@@ -191,11 +197,12 @@ def test_where_the_reference_refuses_the_student_must_too() -> None:
     assert check(reference).status == DONE
     start = "reference: "
     assert check(lambda n: n).line == (
-        start + "not right yet. On a negative number (n = -1): "
+        start + "not right yet. On a negative number (answer.inputs: n = -1): "
         "expected a ValueError (n: expected at least 0), got -1."
     )
     assert check(student).line == (
-        start + "not right yet. On a negative number (n = -1): expected a ValueError "
+        start
+        + "not right yet. On a negative number (answer.inputs: n = -1): expected a ValueError "
         "(n: expected at least 0), it raised KeyError: 'n' at `raise KeyError(\"n\")`."
     )
 
@@ -327,7 +334,7 @@ def test_not_right_yet(student: Any, words: str) -> None:
 def test_the_first_input_that_differs_is_named() -> None:
     answer = check(lambda p, w: p.mean(0))
     assert answer.line.startswith(
-        "centroid: not right yet. On a random cloud (points = array (6, 2) [["
+        "centroid: not right yet. On a random cloud (answer.inputs: points = array (6, 2) [["
     )
     answer = check(forgets)  # not the stub: it returns something at first
     assert answer.line.endswith(": expected an array of shape (2,), got nothing (None).")
@@ -372,6 +379,83 @@ def test_hints_come_one_by_one_and_begin_again_after_success() -> None:
     assert "Hint" not in check(stub).line
     assert check(centroid).line == "centroid: done, 5 inputs agree."
     assert check(3).line.endswith(". Expected a function, got 3. Hint 1 of 2: Weigh first.")
+
+
+FITTING = (
+    {
+        "equal points": "Their weights count.",
+        "it raised": "Look at the line.",
+        "a number": "A centre is a point.",
+        "": "Weigh first.",
+    },
+    {"one point": "It is its own centre.", "": "Divide by the sum."},
+)
+
+
+@pytest.mark.parametrize(
+    ("student", "first", "second"),
+    [
+        (lambda p, w: 0.0, "A centre is a point.", "It is its own centre."),
+        (lambda p, w: p / 0, "Weigh first.", "It is its own centre."),
+        (lambda p, w: p[7], "Look at the line.", "It is its own centre."),
+        (lambda p, w: p.mean(0), "Weigh first.", "Divide by the sum."),
+        (
+            lambda p, w: p[0] + 1 if p.std() == 0 and len(p) > 1 else centroid(p, w),
+            "Their weights count.",
+            "Divide by the sum.",
+        ),
+    ],
+)
+def test_a_hint_fits_the_input_or_what_is_wrong(student: Any, first: str, second: str) -> None:
+    check = Exercise(centroid, inputs, hints=FITTING)
+    for number, hint in ((1, first), (2, second)):
+        assert check(student).line.endswith(f" Hint {number} of 2: {hint}")
+
+
+def test_a_misspelled_name_spends_no_hint() -> None:
+    check = Exercise(centroid, inputs, hints=HINTS)
+    for student in (lambda p, w: mean(p), lambda p, w: __import__("nmupy")):  # noqa: F821
+        line = check(student).line
+        assert "Error: " in line and "Hint" not in line
+    assert check(lambda p, w: 0.0).line.endswith(" Hint 1 of 2: Weigh first.")
+
+
+def test_the_failing_input_is_handed_out() -> None:
+    answer = check(lambda p, w: p.mean(0))
+    (cloud,) = [
+        given for given in inputs(np.random.default_rng(0)) if given[0] == "a random cloud"
+    ][:1]
+    assert answer.inputs._fields == ("points", "weights")  # type: ignore[attr-defined]
+    assert np.array_equal(answer.inputs.points, cloud[1])  # type: ignore[attr-defined]
+    assert np.array_equal(answer.expected, centroid(*answer.inputs))
+    assert np.array_equal(answer.got, answer.inputs[0].mean(0))
+    assert " (answer.inputs: points = array (6, 2) " in answer.line
+    for student in (centroid, stub, 3, None):
+        answer = check(student)
+        assert answer.inputs == () and answer.expected is None is answer.got
+
+
+def test_what_is_handed_out_is_a_copy_from_before_the_students_edits() -> None:
+    kept = np.ones(2)
+
+    def edits(points: np.ndarray) -> np.ndarray:
+        points *= 2
+        return points
+
+    check = Exercise(np.copy, yielding(("ones", kept)))
+    answer = check(edits)
+    assert answer.inputs[0].tolist() == answer.expected.tolist() == [1, 1]
+    answer.inputs[0][:] = 7
+    assert kept.tolist() == [1, 1] and check(edits).inputs[0].tolist() == [1, 1]
+
+
+def test_where_there_is_no_result_none_is_handed_out() -> None:
+    raised = check(lambda p, w: p[7])
+    assert raised.got is None and raised.expected.tolist() == [1, 1] and len(raised.inputs) == 2
+    refused = Exercise(int, yielding(("words", "x")))(lambda text: 3)
+    assert (refused.inputs, refused.expected, refused.got) == (("x",), None, 3)
+    judged = Exercise(one_root, root_inputs, judge=is_root)(lambda n: 2.0)
+    assert (judged.inputs, judged.expected, judged.got) == ((9.0,), None, 2.0)  # -3 is right, too
 
 
 @given(st.floats(1e-9, 1.0), st.floats(0, 10), st.floats(-10, 10))
@@ -424,19 +508,36 @@ def asleep(points: np.ndarray, weights: np.ndarray) -> None:
 
 
 def by_and_by(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    time.sleep(0.15)
+    end = time.thread_time() + 0.15
+    while time.thread_time() < end:
+        pass
+    return centroid(points, weights)
+
+
+def patient(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    time.sleep(0.1)
     return centroid(points, weights)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("student", [forever, stubborn, asleep, by_and_by])
-def test_a_function_that_is_late_does_not_hold_the_page(student: Callable[..., Any]) -> None:
+@pytest.mark.parametrize(
+    ("student", "words"),
+    [
+        (forever, "0.3 s; perhaps a loop never ends."),
+        (stubborn, "0.3 s; perhaps a loop never ends."),
+        (asleep, "1.8 s; perhaps it waits for ever."),
+        (by_and_by, "0.3 s; perhaps a loop never ends."),
+    ],
+)
+def test_a_function_that_is_late_does_not_hold_the_page(
+    student: Callable[..., Any], words: str
+) -> None:
     RELEASED.clear()
     before = threading.active_count()
     answer = answer_to(student, seconds=0.3)
     # Had the page waited, two of the four would hold it for ever, and two come to another answer.
     assert answer.status == NOT_RIGHT
-    assert answer.line.endswith(": not finished after 0.3 s; perhaps a loop never ends.")
+    assert answer.line.endswith(f": not finished after {words}")
     if student is forever:
         assert threading.active_count() == before  # stopped, not only left behind
     RELEASED.set()
@@ -446,6 +547,12 @@ def test_a_function_that_is_late_does_not_hold_the_page(student: Callable[..., A
     while threading.active_count() > before and time.monotonic() < deadline:
         time.sleep(0.02)
     assert threading.active_count() == before
+
+
+@pytest.mark.slow
+def test_a_right_answer_is_in_time_on_a_machine_that_does_other_things() -> None:
+    """The five calls pass 0.5 s, nearly all of which the processor is not theirs."""
+    assert answer_to(patient, seconds=0.3).status == DONE
 
 
 def test_the_stop_button_ends_the_students_thread(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -509,6 +616,9 @@ def test_the_student_runs_in_the_context_of_the_cell() -> None:
 # The author's mistakes --------------------------------------------------------------------------
 
 
+EXPECTED_HINTS = 'expected a tuple of strings, or of dicts of them whose last key is ""'
+
+
 def yielding(*items: Any) -> Callable[..., Any]:
     return lambda rng: iter(items)
 
@@ -518,8 +628,15 @@ def yielding(*items: Any) -> Callable[..., Any]:
     [
         (lambda: Exercise(3, inputs), "reference: expected a function, got 3"),
         (lambda: Exercise(centroid, [1]), "inputs: expected a function, got [1]"),
-        (lambda: answer_to(stub, hints="abc"), "hints: expected a tuple of strings, got 'abc'"),
-        (lambda: answer_to(stub, hints=(1,)), "hints: expected a tuple of strings, got (1,)"),
+        (lambda: answer_to(stub, hints="abc"), f"hints: {EXPECTED_HINTS}, got 'abc'"),
+        (lambda: answer_to(stub, hints=(1,)), f"hints: {EXPECTED_HINTS}, got (1,)"),
+        (lambda: answer_to(stub, hints={"": "a"}), f"hints: {EXPECTED_HINTS}, got {{'': 'a'}}"),
+        (lambda: answer_to(stub, hints=({},)), f"hints: {EXPECTED_HINTS}, got ({{}},)"),
+        (
+            lambda: answer_to(stub, hints=({"": "a", "b": "c"},)),
+            f"hints: {EXPECTED_HINTS}, got ({{'': 'a', 'b': 'c'}},)",
+        ),
+        (lambda: answer_to(stub, hints=({"": 1},)), f"hints: {EXPECTED_HINTS}, got ({{'': 1}},)"),
         (
             lambda: answer_to(stub, tolerance=-1),
             "tolerance: expected a finite number of at least 0, got -1.0",
@@ -566,5 +683,6 @@ def test_an_error_of_the_reference_comes_through() -> None:
 def test_names_of_arguments_without_a_signature() -> None:
     check = Exercise(max, yielding(("two", 1, 2)))
     assert check(min).line == (
-        "max: not right yet. On two (argument 1 = 1, argument 2 = 2): expected 2, got 1."
+        "max: not right yet. On two (answer.inputs: argument 1 = 1, argument 2 = 2): "
+        "expected 2, got 1."
     )

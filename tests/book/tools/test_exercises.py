@@ -234,6 +234,14 @@ def test_the_books_exercises_are_those_that_its_solutions_generate(page: Page) -
 
 
 @each_page
+def test_the_first_cell_forgives_what_is_mistyped_in_the_others(page: Page) -> None:
+    nb = nbformat.reads(generated(page)[1].decode(), as_version=4)
+    first = next(cell.source for cell in nb.cells if cell.cell_type == "code")
+    assert "from book.tools.syntax import forgive_syntax\n" in first
+    assert re.search(r"^forgive_syntax\(\)", first, re.MULTILINE)
+
+
+@each_page
 def test_no_trace_of_a_solution(page: Page) -> None:
     secret, public, inside = set(), set(), False
     for cell in read_source(BOOK / "solutions" / f"solutions_{page.name}.py").cells:

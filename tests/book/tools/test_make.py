@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from book.tools import confirming, contents, exercises, measuring, site
+from book.tools import budget, confirming, contents, exercises, measuring, site
 from book.tools.contents import BOOK, Page
 from book.tools.notebooks import HEADER, is_executed, read_notebook, write_notebook
 from tests.book.tools.small_book import edit, forget
@@ -59,7 +59,9 @@ def test_the_road_of_a_contributor(make, book, capsys):
     assert capsys.readouterr().out.startswith("index: executed in ")
     assert read_notebook(book / "01_a.ipynb").cells[2].outputs[0].text == "1\n"
     assert make.main(["check"]) == 0
-    assert capsys.readouterr().out == "fit to be committed, and nothing is stale\n"
+    *lengths, last = capsys.readouterr().out.splitlines()
+    assert last == "fit to be committed, and nothing is stale"
+    assert [line.partition(":")[0] for line in lengths] == ["index", "01_a"]
     assert make.main(["check", "--strict"]) == 0
     capsys.readouterr()
     assert make.main(["strip", "1"]) == 0
@@ -69,6 +71,18 @@ def test_the_road_of_a_contributor(make, book, capsys):
     assert make.main(["check", "index"]) == 0
     assert make.main(["check", "01_a"]) == 1
     assert "01_a: never executed" in capsys.readouterr().out
+
+
+def test_a_page_that_is_too_long_is_told_of_and_fit(make, book, capsys, monkeypatch):
+    monkeypatch.setattr(budget, "MOST_WORDS", 2)
+    (book / "01_a.py").write_text(f"{HEADER}\n# %% [markdown]\n# # One, two and three\n{CHAPTER}")
+    for command in ("pair", "execute"):
+        assert make.main([command]) == 0
+    capsys.readouterr()
+    assert make.main(["check", "1", "--strict"]) == 0
+    line, last = capsys.readouterr().out.splitlines()
+    assert line.startswith("01_a: words 5 of 2, cells 4 of 150, ") and line.endswith("over: words")
+    assert last == "fit to be committed, and nothing is stale"
 
 
 def test_start_copies_exercises_and_goes_on_where_there_are_copies(make, book, capsys, monkeypatch):
@@ -136,7 +150,7 @@ def test_what_is_stale_is_said_and_fails_where_it_is_asked_to(
         capsys.readouterr()
         status = make.main(list(words))
         out, err = capsys.readouterr()
-        return status, out.splitlines(), err
+        return status, [line for line in out.splitlines() if ": words " not in line], err
 
     fit(folio, make)
     whole = ["fit to be committed, and nothing is stale"]

@@ -1,10 +1,12 @@
 """`make.py new`: what it writes passes the checks as it is, and nothing is written half."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
+from itertools import pairwise
 
 import pytest
 
@@ -107,6 +109,23 @@ def test_all_that_is_left_to_do_is_to_run_it(root):
     written = "\n".join(p.read_text() for p in root.rglob("*.py") if "methods/v" not in str(p))
     assert not [word for word in ("NN_", "NN ", "TITLE", "METHOD ", "METHOD.") if word in written]
     assert "posecore.methods.infrared.network" in written and "# # Clouds\n" in written
+
+
+def test_a_page_has_what_readers_look_for(root):
+    """The time it takes, a way through it, symbols, questions, and the audit where it ends."""
+    new("3", "clouds", root=root)
+    page = (root / "book" / "03_clouds.py").read_text()
+    places = [page.index(f"# {words}") for words in (
+        "## What you will build", "- **Time:** ", "- **Short path:** ", "| symbol | ", "## 1. ",
+        "## 2. ", "## 3. ", "## Exercises", "## Summary", "## Appendix: reading the paper closely",
+    )]  # fmt: skip
+    assert places == sorted(places)
+    for begin, end in pairwise(places[4:8]):  # a question ends each section, its answer hidden
+        section = page[begin:end].rstrip("# \n")
+        question = r"# <details><summary>[^<]+\?</summary>\n#\n(# .+\n)+#\n# </details>$"
+        assert re.search(question, section)
+    student = (root / "book" / "exercises" / "exercises_03_clouds.ipynb").read_text()
+    assert "forgive_syntax()" in student and "answer.inputs" in student
 
 
 @pytest.mark.parametrize(

@@ -144,32 +144,31 @@ def best_rotation(source, target):
     U, _, Vt = np.linalg.svd(q.T @ p)
     return U @ Vt
 """
-RAISES = """
+MISTYPED = """
 def project_points(R, t, K, points):
-    return points @ R.T + t @ K @ points
+    X = (points @ R.T + t
+    return X @ K.T
+"""
+RAISES = """
+def balanced_error(errors, true_angles, bin_width):
+    return errors @ np.eye(7)
 """
 ENDLESS = """
 def add_symmetric(R_est, t_est, R_gt, t_gt, points, symmetries):
-    import time
-
     while True:
-        time.sleep(0.01)  # and spares this machine
-"""
-SILLY = """
-def balanced_error(errors, true_angles, bin_width):
-    return "42"
+        pass
 """
 
 
 def test_the_rehearsal(work):
-    """One is right, one wrong, one raises, one never ends, one is silly, one is left."""
+    """One is no Python, one right, one wrong, one never ends, one raises, one is left."""
     write(
         work,
-        project_points=RAISES,
+        project_points=MISTYPED,
         rotation_angle=RIGHT,
         best_rotation=WRONG,
         add_symmetric=ENDLESS,
-        balanced_error=SILLY,
+        balanced_error=RAISES,
     )
     run(work)
     nb = nbformat.read(work, as_version=4)
@@ -187,13 +186,19 @@ def test_the_rehearsal(work):
         "forgiven_pose": NOT_DONE,
     }.items():
         assert lines[name].startswith(f"{name}: {status}")
-        assert ("Hint 1 of 2" in lines[name]) == (status == NOT_RIGHT)
-    assert "it raised ValueError: matmul" in lines["project_points"]
-    assert "at `return points @ R.T + t @ K @ points`" in lines["project_points"]
+        hinted = status == NOT_RIGHT and name != "project_points"
+        assert ("Hint 1 of 2" in lines[name]) == hinted
+    assert lines["project_points"] == (
+        "project_points: not right yet: line 2 of its cell is no Python: '(' was never closed "
+        "in `X = (points @ R.T + t`."
+    )
+    (mistyped,) = [cell for cell in nb.cells if cell.source == MISTYPED]
+    assert "SyntaxError: '(' was never closed" in mistyped.outputs[0].text
     assert lines["rotation_angle"] == "rotation_angle: done, 23 inputs agree."
-    assert "On a planar cloud (source = array (6, 3)" in lines["best_rotation"]
+    assert "On a planar cloud (answer.inputs: source = array (6, 3)" in lines["best_rotation"]
     assert "not finished after 5 s; perhaps a loop never ends" in lines["add_symmetric"]
-    assert "expected a number, got text" in lines["balanced_error"]
+    assert "it raised ValueError: matmul" in lines["balanced_error"]
+    assert "at `return errors @ np.eye(7)`" in lines["balanced_error"]
     # The student's folder holds the notebook and nothing else.
     assert [file.name for file in work.parent.iterdir()] == [work.name]
 

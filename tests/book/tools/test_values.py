@@ -50,7 +50,7 @@ def test_one_wrong_entry_is_found(expected: np.ndarray, data: st.DataObject) -> 
     got[index] += 1e-3 * (1 + abs(expected[index]))
     words = difference(got, expected, 1e-4)
     assert words.startswith("expected ")
-    if expected.size > 8:
+    if expected.size > 9:
         place = ", ".join(map(str, index))
         assert f" at [{place}], got " in words
         assert words.endswith(f"(1 of {expected.size} entries differ)")
@@ -61,11 +61,16 @@ def test_one_wrong_entry_is_found(expected: np.ndarray, data: st.DataObject) -> 
     ("got", "expected", "words"),
     [
         (1.0, 2.0, "expected 2, got 1"),
-        (1.0 + 1e-8, 1.0, "expected 1.0, got 1.00000001"),
+        (1.0 + 1e-8, 1.0, "expected 1, got 1.00000001"),
         (float("nan"), 1.0, "expected 1, got nan"),
         (1.0, float("nan"), "expected nan, got 1"),
         (float("inf"), -float("inf"), "expected -inf, got inf"),
         (3, 4, "expected 4, got 3"),
+        (1.0, -3.88578e-16, "expected 0, got 1"),
+        (-0.0, 1.0, "expected 1, got 0"),
+        (2e-9, -0.0, "expected 0, got 2e-09"),
+        (np.float32(0.1), 0.25, "expected 0.25, got 0.1"),
+        (np.float32(0.1) + np.float32(1e-7), np.float32(0.1), "expected 0.1, got 0.1000001"),
         (3.0, 3, "expected whole numbers, got real numbers"),
         (3, 3.5, "expected 3.5, got 3"),
         (1j, 1.0, "expected a number, got a complex number"),
@@ -87,12 +92,12 @@ def test_one_wrong_entry_is_found(expected: np.ndarray, data: st.DataObject) -> 
         (
             np.array([1.0, 2.5]),
             np.array([1.0, 2.0]),
-            "expected array (2,) [1., 2.], got array (2,) [1. , 2.5]",
+            "expected array (2,) [1., 2.], got array (2,) [1., 2.5]",
         ),
         (
             np.array([1.0, 2 + 1e-6]),
             np.array([1.0, 2.0]),
-            "expected 2.0 at [1], got 2.000001 (1 of 2 entries differ)",
+            "expected 2 at [1], got 2.000001 (1 of 2 entries differ)",
         ),
         (
             np.arange(12).reshape(3, 4) % 11,
@@ -102,9 +107,20 @@ def test_one_wrong_entry_is_found(expected: np.ndarray, data: st.DataObject) -> 
         (10**8, 10**8 + 1, "expected 100000001, got 100000000"),
         (2**63 - 1, 2**63 - 2, f"expected {2**63 - 2}, got {2**63 - 1}"),
         (
-            np.arange(9) > 4,
-            np.arange(9) > 3,
-            "expected True at [4], got False (1 of 9 entries differ)",
+            np.arange(10) > 4,
+            np.arange(10) > 3,
+            "expected True at [4], got False (1 of 10 entries differ)",
+        ),
+        (
+            np.eye(3),
+            np.array([[-1, 0, 0], [0, -1, 1e-17], [0, 0, 1.0]]),
+            "expected array (3, 3) [[-1., 0., 0.], [0., -1., 0.], [0., 0., 1.]], "
+            "got array (3, 3) [[1., 0., 0.], [0., 1., 0.], [0., 0., 1.]]",
+        ),
+        (
+            np.ones((4, 4)),
+            np.ones((4, 4)) - np.eye(4) * (1 - 1e-16),
+            "expected 0 at [0, 0], got 1 (4 of 16 entries differ)",
         ),
         ((1.0,), (1.0, 2.0), "expected a tuple of 2, got 1"),
         ((1.0, 3.0), (1.0, 2.0), "in result [1] expected 2, got 3"),
@@ -172,6 +188,19 @@ def test_compare_as_comes_after_kind_and_shape() -> None:
         (torch.tensor(3), "3"),
         (np.zeros((100, 3)), "array (100, 3) [[0., ..., 0.], ..., [0., ..., 0.]]"),
         (torch.ones(2), "tensor (2,) [1., 1.]"),
+        (np.full(2, 0.1, np.float32), "array (2,) [0.1, 0.1]"),
+        (torch.tensor([0.1, -0.0]), "tensor (2,) [0.1, 0.]"),
+        (
+            np.array([640.25, 1e-4, -1e9, np.nan, np.inf]),
+            "array (5,) [640.25, 0.0001, -1e+09, nan, inf]",
+        ),
+        (np.array([1.0, np.cos(np.pi / 2)]), "array (2,) [1., 0.]"),
+        (np.array([0.00123456, 0.123456, 12.3456]), "array (3,) [0.001235, 0.1235, 12.3456]"),
+        (np.array([1, -20]), "array (2,) [1, -20]"),
+        (np.array([True, False]), "array (2,) [True, False]"),
+        (np.zeros((0, 3)), "array (0, 3) []"),
+        ([np.float32(0.1), -0.0], "[0.1, 0]"),
+        ({"t": np.full(2, 0.1, np.float32), 3: 0.1 + 0.2}, "{'t': array (2,) [0.1, 0.1], 3: 0.3}"),
         ((1, 2.5), "(1, 2.5)"),
         ((1,), "(1,)"),
         ([1, 2, 3, 4, 5], "[1, 2, 3, 4, ...]"),
@@ -183,3 +212,14 @@ def test_compare_as_comes_after_kind_and_shape() -> None:
 )
 def test_show(value: Any, text: str) -> None:
     assert show(value) == text
+
+
+def test_a_rotation_is_shown_whole() -> None:
+    R = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]) + 1.5e-5
+    whole = "[[0.36, 0.48, -0.8], [-0.8, 0.6, 0.], [0.48, 0.64, 0.6]]"
+    assert show(R) == "array (3, 3) " + whole.replace("0.]", "1.5e-05]")
+    R32 = (R - 1.5e-5).astype(np.float32)
+    assert (
+        show(R32) == f"array (3, 3) {whole}" and show(torch.tensor(R32)) == f"tensor (3, 3) {whole}"
+    )
+    assert show(np.full((2, 5), -0.1)) == "array (2, 5) [[-0.1, ..., -0.1], [-0.1, ..., -0.1]]"
