@@ -11,7 +11,7 @@ import safetensors.torch
 import torch
 from torch import Tensor, nn
 
-__all__ = ["digest", "fill", "pack", "require_finite", "unpack"]
+__all__ = ["digest", "fill", "pack", "parse", "require_finite", "unpack"]
 
 DIGEST = "digest"  # its name in what a file says of itself
 
@@ -32,6 +32,18 @@ def pack(weights: Mapping[str, Tensor]) -> bytes:
     return safetensors.torch.save(kept, {DIGEST: digest(kept)})
 
 
+def parse(data: bytes) -> dict[str, Tensor]:
+    """The tensors of a safetensors file, whatever they are.
+
+    Raises:
+        ValueError: in words of the format, if it is damaged.
+    """
+    try:
+        return safetensors.torch.load(data)
+    except safetensors.SafetensorError as error:
+        raise ValueError(" ".join(str(error).split())) from error
+
+
 def unpack(data: bytes) -> dict[str, Tensor]:
     """The tensors of a safetensors file, once they are what a network can have.
 
@@ -41,9 +53,9 @@ def unpack(data: bytes) -> dict[str, Tensor]:
             zero is refused.
     """
     try:
-        weights = safetensors.torch.load(data)
-    except safetensors.SafetensorError as error:
-        raise ValueError(f"damaged: {' '.join(str(error).split())}") from error
+        weights = parse(data)
+    except ValueError as error:
+        raise ValueError(f"damaged: {error}") from error
     head = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
     stated = head.get("__metadata__", {}).get(DIGEST)
     if stated is not None and digest(weights) != stated:

@@ -6,13 +6,13 @@ import time
 from pathlib import Path
 
 import numpy as np
-import safetensors.torch
 import torch
 from torch import Tensor
 
 from book.ch08_vector_fields import comparison
 from book.ch08_vector_fields import field_training as training
 from book.tools.keys import Key
+from posecore import weights
 from posecore.methods.vector_field.masked_fields import MaskedFields, predict_fields
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.methods.vector_field.systems import STAGES, VectorFieldSystem
@@ -73,20 +73,20 @@ def measure_speed(seed: int) -> dict[Key, float]:
 
 def _shipped() -> VectorFieldNet:
     net = training.new_net()
-    weights = Path(__file__).with_name("weights") / "field.safetensors"
-    net.load_state_dict(safetensors.torch.load(weights.read_bytes()))
+    path = Path(__file__).with_name("weights") / "field.safetensors"
+    net.load_state_dict(weights.parse(path.read_bytes()))
     return net.eval()
 
 
 def part_of(net: VectorFieldNet, count: int) -> VectorFieldNet:
     """The same network for the first `count` of its objects, and for use only."""
     smaller = training.recipe().new_net(training.models()[:count])
-    weights = dict(net.state_dict())
+    kept = dict(net.state_dict())
     rows = {"mask_layer": 1 + count, "vector_layer": 2 * net.keypoints * count}
     for layer, number in rows.items():
         for name in ("weight", "bias"):
-            weights[f"{layer}.{name}"] = weights[f"{layer}.{name}"][:number]
-    smaller.load_state_dict(weights)
+            kept[f"{layer}.{name}"] = kept[f"{layer}.{name}"][:number]
+    smaller.load_state_dict(kept)
     return fold_batch_norm(smaller.eval()).to(memory_format=torch.channels_last)
 
 

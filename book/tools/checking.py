@@ -13,8 +13,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-import safetensors
-import safetensors.torch
 from nbformat import NotebookNode
 
 from book.tools.budget import LARGEST_NOTEBOOK, LONGEST_CELL, lines_of_code
@@ -35,6 +33,7 @@ from book.tools.notebooks import (
     read_source,
     source_bytes,
 )
+from posecore import weights
 
 __all__ = ["problems", "stale"]
 
@@ -104,14 +103,17 @@ def _results(page: Page, book: Path) -> Iterator[str]:
             yield f"{page.package}/weights: {path.stem}.safetensors is missing beside {path.name}"
     for path in sorted((folder / "weights").glob("*.safetensors")):
         try:
-            about, state = read_about(path), safetensors.torch.load(path.read_bytes())
+            about = read_about(path)
         except ValueError as error:
             yield f"{page.package}/weights: {error}"
-        except safetensors.SafetensorError as error:
+            continue
+        try:
+            state = weights.parse(path.read_bytes())
+        except ValueError as error:
             yield f"{page.package}/weights: {path.name} is damaged: {error}"
-        else:
-            if about and (wrong := wrong_weights(path.name, state, about)):
-                yield f"{page.package}/weights: {wrong}"
+            continue
+        if about and (wrong := wrong_weights(path.name, state, about)):
+            yield f"{page.package}/weights: {wrong}"
 
 
 def _missing(page: Page, book: Path) -> Iterator[str]:

@@ -20,8 +20,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple, TypeVar
 
-import safetensors
-import safetensors.torch
 import torch
 from torch import Tensor, nn
 
@@ -133,8 +131,8 @@ def stale_weights(path: Path) -> tuple[str, ...]:
     if not about:
         return (f"no {path.with_suffix('.json').name} says how it was trained",)
     try:
-        state = safetensors.torch.load(path.read_bytes())
-    except (OSError, safetensors.SafetensorError) as error:
+        state = weights.parse(path.read_bytes())
+    except (OSError, ValueError) as error:
         return (f"{path.name} cannot be read: {_first_line(error)}",)
     if wrong := wrong_weights(path.name, state, about):
         return (wrong,)
@@ -188,8 +186,8 @@ def _load(path: Path, model: nn.Module) -> str:
     if not about:
         return f"no {path.with_suffix('.json').name} says how {path.name} was made"
     try:
-        state = safetensors.torch.load(path.read_bytes())
-    except safetensors.SafetensorError as error:
+        state = weights.parse(path.read_bytes())
+    except ValueError as error:
         return f"{path.name} is damaged ({_first_line(error)})"
     if about["scale"] != scale():
         return f"{path.name} was made at {about['scale']} scale and this is {scale()}"

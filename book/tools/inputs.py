@@ -12,8 +12,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import safetensors
-import safetensors.torch
 from nbformat import NotebookNode
 
 from book.tools.contents import Page, pages
@@ -96,7 +94,7 @@ def _weights(folder: Path) -> dict[str, str]:
     found = {}
     for path in sorted(folder.glob("*.safetensors")):
         try:
-            found[path.stem] = weights.digest(safetensors.torch.load(path.read_bytes()))
-        except safetensors.SafetensorError as error:
+            found[path.stem] = weights.digest(weights.parse(path.read_bytes()))
+        except ValueError as error:
             raise ValueError(f"{path}: damaged: {error}") from error
     return found
