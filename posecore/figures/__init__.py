@@ -1,5 +1,7 @@
 """Figures: curves, pictures with poses drawn in, point clouds, and a 3D viewer for pages."""
 
+from posecore.figures import photographs, results
+from posecore.figures.charts import chart, draw_chart
 from posecore.figures.clouds3d import point_clouds
 from posecore.figures.curves import accuracy_curves, error_histogram
 from posecore.figures.images import picture, picture_grid, pose_picture
@@ -12,14 +14,18 @@ __all__ = [
     "Picture",
     "Viewer",
     "accuracy_curves",
+    "chart",
     "draw_axes",
     "draw_box",
+    "draw_chart",
     "draw_keypoints",
     "draw_outline",
     "error_histogram",
+    "photographs",
     "picture",
     "picture_grid",
     "point_clouds",
     "pose_picture",
+    "results",
     "training_curves",
 ]
