@@ -6,7 +6,13 @@ from posecore.figures.clouds3d import point_clouds
 from posecore.figures.curves import accuracy_curves, error_histogram
 from posecore.figures.images import picture, picture_grid, pose_picture
 from posecore.figures.live import training_curves
-from posecore.figures.overlays import draw_axes, draw_box, draw_keypoints, draw_outline
+from posecore.figures.overlays import (
+    draw_axes,
+    draw_box,
+    draw_ellipse,
+    draw_keypoints,
+    draw_outline,
+)
 from posecore.figures.style import Picture
 from posecore.figures.viewer import Viewer
 
@@ -18,6 +24,7 @@ __all__ = [
     "draw_axes",
     "draw_box",
     "draw_chart",
+    "draw_ellipse",
     "draw_keypoints",
     "draw_outline",
     "error_histogram",

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from book.ch08_vector_fields.drawing import fields as fields_of
 from book.ch08_vector_fields.drawing import voting as rays
-from posecore.figures import Picture, draw_axes, draw_box, draw_outline
+from posecore.figures import Picture, draw_axes, draw_box, draw_ellipse, draw_outline
 from posecore.figures.photographs import thin_lines
 from posecore.figures.style import COLOURS, HALO, INK, new_picture
 from posecore.models import ObjectModel
@@ -177,7 +177,7 @@ def clouds(
     for k, cloud in enumerate(hypotheses):
         point, covariance = points[k], covariances[k]
         axes.plot(*cloud.T, ".", color=COLOURS[0], ms=4, antialiased=False)
-        rays.draw_ellipse(axes, point, covariance)
+        draw_ellipse(axes, point, covariance)
         axes.plot(*x[k], **(rays.TRUTH | {"ms": 9}))
         axes.plot(*point, **(rays.POINTS["RANSAC"] | {"ms": 9}))
         away = x[k] - x.mean(0)

@@ -3,10 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.patches import Ellipse
 
-from posecore.figures import Picture, chart, draw_keypoints, picture, picture_grid
+from posecore.figures import Picture, chart, draw_ellipse, draw_keypoints, picture, picture_grid
 from posecore.figures.style import COLOURS, HALO, INK, STYLES, new_picture
 
 __all__ = [
@@ -116,20 +114,10 @@ def hypotheses(
     axes = figure.axes[0]
     for points, (mean, covariance), colour in zip(clouds, found, COLOURS[1:], strict=False):
         axes.plot(*points.T, ".", color=colour, ms=3, zorder=2)
-        _ellipse(axes, mean, covariance)
+        draw_ellipse(axes, mean, covariance, colour=INK, rim=True)
+        axes.plot(*mean, "+", color=INK, ms=9, mew=2, zorder=4, path_effects=HALO)
     axes.set(xlim=(-0.5, photo.shape[1] - 0.5), ylim=(photo.shape[0] - 0.5, -0.5))
     return figure
-
-
-def _ellipse(axes: Axes, mean: np.ndarray, covariance: np.ndarray) -> None:
-    """Of two standard deviations, so 86 % of a normal distribution are inside."""
-    variances, directions = np.linalg.eigh(covariance)
-    angle = np.degrees(np.arctan2(*directions[::-1, 1]))
-    long, short = 4 * np.sqrt(variances.clip(0)[::-1])
-    ring = Ellipse(mean, long, short, angle=angle, fill=False, ec=INK, lw=1.6, zorder=3)
-    ring.set_path_effects(HALO)
-    axes.add_patch(ring)
-    axes.plot(*mean, "+", color=INK, ms=9, mew=2, zorder=4, path_effects=HALO)
 
 
 def overlaps(

@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from book.ch08_vector_fields.drawing import fields as fields_of
-from book.ch08_vector_fields.drawing.voting import draw_ellipse
-from posecore.figures import Picture, draw_box, draw_chart, draw_outline, results
+from posecore.figures import Picture, draw_box, draw_chart, draw_ellipse, draw_outline, results
 from posecore.figures.photographs import thin_lines
 from posecore.figures.style import COLOURS, HALO, INK, new_picture
 from posecore.models import ObjectModel

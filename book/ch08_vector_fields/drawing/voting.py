@@ -5,11 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.patches import Ellipse
 
 from book.ch08_vector_fields.drawing import fields as fields_of
 from data_tools.views import View
-from posecore.figures import Picture, chart, draw_outline
+from posecore.figures import Picture, chart, draw_ellipse, draw_outline
 from posecore.figures.photographs import Window, bare, crop
 from posecore.figures.style import COLOURS, HALO, INK, new_picture
 
@@ -269,15 +268,6 @@ def found(
         axes.annotate(str(k), x[k], xytext=(8, 6), textcoords="offset points", fontsize=11,
                       path_effects=HALO)  # fmt: skip
     return figure
-
-
-def draw_ellipse(axes: Axes, mean: np.ndarray, covariance: np.ndarray, **look: object) -> None:
-    """Two standard deviations around a mean."""
-    values, vectors = np.linalg.eigh(covariance)
-    width, height = 4 * np.sqrt(values[::-1].clip(0))
-    turned = np.degrees(np.arctan2(*vectors[::-1, 1]))
-    look = {"ec": COLOURS[1], "lw": 1.8, "fc": "none"} | look
-    axes.add_patch(Ellipse(mean, width, height, angle=turned, **look))
 
 
 def show_silhouette(axes: Axes, mask: np.ndarray, box: Window, inside: float = 0.86) -> None:
