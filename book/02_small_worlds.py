@@ -960,8 +960,7 @@ assert left.group == centre.group == right.group
 tour.three_cameras([left, centre, right], headset.CAMERAS)
 
 # %% [markdown]
-# (The pictures of this tour are drawn brighter than they are, without their noise and in few
-# colours, to keep the page small.)
+# (The pictures of this tour are drawn brighter than they are, and without most of their noise.)
 #
 # Three pictures, three poses, but one pair of glasses. (Left is the cameras' left, which is the
 # driver's right.) Each view knows the pose of its camera in the car, so each can say where the

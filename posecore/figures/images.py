@@ -12,6 +12,7 @@ from torch import Tensor
 from posecore import cameras, poses
 from posecore.arrays import Array, fail, require_integer, require_number
 from posecore.figures.overlays import box_edges, draw_axes, draw_box
+from posecore.figures.photographs import smooth
 from posecore.figures.style import (
     BOX_COLOURS,
     HALO,
@@ -39,7 +40,8 @@ def picture(
 
     Args:
         image: (H, W, 3) colours, bytes or numbers in [0, 1]; or (H, W) bytes, truth values or
-            numbers, where NaN is "no value" and is drawn as a pale grey.
+            numbers, where NaN is "no value" and is drawn as a pale grey. A photograph is drawn
+            smoothly, unless it is so small that its pixels are to be seen; all else in squares.
         title: text over the image.
         limits: for an (H, W) image, the numbers that are drawn darkest and brightest. Default: 0
             and 255 for bytes, 0 and 1 for truth values, otherwise the smallest and the largest.
@@ -226,13 +228,14 @@ def _grid(
     starts = range(0, len(pixels), columns)
     heights = [cell * max(shapes[start : start + columns]) + heading for start in starts]
     bar = 0.7 if colour_bar is not None else 0.0
-    figure = new_picture(width + bar, sum(heights), alt, "")
+    figure = new_picture(width + bar, sum(heights), alt)
     figure.get_layout_engine().set(w_pad=0.03, h_pad=0.03, wspace=0.01, hspace=0.01)
     colours = colormaps["grey" if colour_bar is None else "viridis"].with_extremes(bad="#e8e4da")
     all_axes = figure.subplots(len(heights), columns, squeeze=False, height_ratios=heights).ravel()
     for number, (axes, one) in enumerate(zip(all_axes, pixels, strict=False)):
         low, high = each[number]
         shown = axes.imshow(one, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
+        smooth(shown, cell)
         axes.set_anchor("N")
         axes.set_autoscale_on(False)  # what is drawn over an image must not move its borders
         if titles is not None:

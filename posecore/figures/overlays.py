@@ -12,13 +12,22 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patches import Ellipse
 
 from posecore import cameras, poses
 from posecore.arrays import Array, fail, require_number
 from posecore.figures.style import AXIS_COLOURS, BOX_COLOURS, COLOURS, HALO, house_style, to_floats
 from posecore.metrics import box_corners
 
-__all__ = ["BOX_EDGES", "box_edges", "draw_axes", "draw_box", "draw_keypoints", "draw_outline"]
+__all__ = [
+    "BOX_EDGES",
+    "box_edges",
+    "draw_axes",
+    "draw_box",
+    "draw_ellipse",
+    "draw_keypoints",
+    "draw_outline",
+]
 
 # Pairs of corners of `box_corners` that differ in one sign.
 BOX_EDGES = np.array([(a, b) for a, b in itertools.combinations(range(8), 2) if a ^ b in (1, 2, 4)])
@@ -162,6 +171,33 @@ def draw_outline(
     points = np.concatenate([part for one in rounds for part in (one, gap)] or [gap])
     look = {"linewidth": 1.8, "solid_joinstyle": "miter", "path_effects": HALO}
     axes.plot(*points.T, color=colour, linestyle=style, label=label, gid="outline", **look)
+
+
+@house_style
+def draw_ellipse(
+    axes: Axes, mean: Array, covariance: Array, *, colour: str = COLOURS[1], rim: bool = False
+) -> None:
+    """Draw the ellipse of two standard deviations around a mean.
+
+    86 % of a normal distribution are inside.
+
+    Args:
+        axes: of a picture.
+        mean: (2,) pixels.
+        covariance: (2, 2) square pixels, symmetric; without spread in a direction, a line.
+        colour: as matplotlib has it.
+        rim: whether the line has a light rim.
+
+    Raises:
+        ValueError: if an argument has another shape.
+    """
+    mean = to_floats("mean", mean, 2)
+    variances, directions = np.linalg.eigh(to_floats("covariance", covariance, 2, 2))
+    long, short = 4 * np.sqrt(variances[::-1].clip(0))
+    angle = np.degrees(np.arctan2(*directions[::-1, 1]))
+    ring = Ellipse(mean, long, short, angle=angle, fill=False, ec=colour, lw=1.8, zorder=2)
+    ring.set_path_effects(HALO if rim else [])
+    axes.add_patch(ring)
 
 
 def _rounds(inside: np.ndarray) -> list[np.ndarray]:

@@ -16,6 +16,7 @@ from PIL import Image
 from torch import Tensor
 
 from posecore.arrays import fail
+from posecore.figures.encoding import holds_photograph, smallest, to_png
 
 __all__ = [
     "AXIS_COLOURS",
@@ -69,9 +70,23 @@ class Picture(Figure):
 
     alt: str = ""
 
-    @house_style
     def png(self, dpi: float = 100) -> bytes:
-        """The figure as a PNG file, the same bytes whenever the figure is the same."""
+        """The figure as a PNG file, the same bytes whenever the figure is the same.
+
+        What holds a photograph keeps all its colours; a drawing has at most 256.
+        """
+        return to_png(self._drawn(dpi), lossless=holds_photograph(self))
+
+    def stored(self, dpi: float = 100) -> tuple[str, bytes]:
+        """The figure as a notebook keeps it, small: its MIME type and its file.
+
+        "image/jpeg" for what holds a photograph, unless PNG is smaller; "image/png" for a drawing.
+        The same figure is the same bytes.
+        """
+        return smallest(self._drawn(dpi), holds_photograph(self))
+
+    @house_style
+    def _drawn(self, dpi: float) -> Image.Image:
         # Drawing moves the axes a little, and the next drawing would start from there.
         places = [(axes, axes.get_position(original=True)) for axes in self.axes]
         buffer = io.BytesIO()
@@ -81,7 +96,7 @@ class Picture(Figure):
             for axes, place in places:
                 axes._set_position(place)
         with Image.open(buffer) as picture:
-            return _small(picture.convert("RGB"))
+            return picture.convert("RGB")
 
     def show(self, warn: bool = True) -> None:
         """Show the figure here, in the middle of a cell or of a loop.
@@ -92,7 +107,7 @@ class Picture(Figure):
         show_in_notebook(self)
 
     def _ipython_display_(self) -> None:
-        # Said outright, since IPython would draw any Figure anew, without `png`, once pyplot has
+        # Said outright, since IPython would draw any Figure anew, without `stored`, once pyplot has
         # opened one.
         from IPython.display import display
 
@@ -100,8 +115,15 @@ class Picture(Figure):
         display(data, metadata=metadata, raw=True)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> tuple[dict, dict]:
-        encoded = base64.b64encode(self.png()).decode()
-        return {"image/png": encoded, "text/plain": self.alt}, {"image/png": {"alt": self.alt}}
+        # JupyterLab 4.6 draws image/png and image/jpeg by `renderImage` (rendermime), which takes
+        # width, height, unconfined and needs_background from the metadata and no alt: there the
+        # <img> has none. nbconvert and our site take it from here, as JupyterLab may some day
+        # (jupyter/enhancement-proposals, issue 120). An <img alt="..."> in text/html would have one
+        # in JupyterLab too, but not in what knows no HTML (nbconvert's way to PDF drops it, and a
+        # viewer may strip it), and both forms in one notebook would double its size.
+        kind, data = self.stored()
+        encoded = base64.b64encode(data).decode()
+        return {kind: encoded, "text/plain": self.alt}, {kind: {"alt": self.alt}}
 
 
 def show_in_notebook(figure: Any) -> None:
@@ -117,35 +139,23 @@ def show_in_notebook(figure: Any) -> None:
         display(figure)
 
 
-def _small(picture: Image.Image) -> bytes:
-    """A PNG file, of a drawing with 256 colours if that only changes the edges of its lines."""
-    if picture.getcolors(4096) is not None:  # a photograph has more
-        few = picture.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-        off = np.asarray(picture).astype(np.int16) - np.asarray(few.convert("RGB"))
-        off = np.abs(off).max(-1)
-        if off.max() <= 128 and (off > 32).mean() <= 0.002:
-            picture = few
-    buffer = io.BytesIO()
-    picture.save(buffer, format="PNG", optimize=True)
-    return buffer.getvalue()
-
-
 @house_style
-def new_picture(width: float, height: float, alt: str | None, default: str) -> Picture:
+def new_picture(width: float, height: float, alt: str | None, default: str = "") -> Picture:
     """An empty figure of `width` x `height` inches.
 
     Args:
         width, height: inches.
         alt: what the figure shows, in words, from the caller.
-        default: what it shows if the caller did not say.
+        default: what it shows if the caller did not say; without it `alt` must.
 
     Raises:
         ValueError: if `alt` is an empty text or none at all.
     """
-    if alt is not None and (not isinstance(alt, str) or not alt.strip()):
+    said = alt if alt is not None or not default else default
+    if not isinstance(said, str) or not said.strip():
         fail("alt", "a text that says what the figure shows", repr(alt))
     figure = Picture(figsize=(width, height), layout="constrained")
-    figure.alt = default if alt is None else alt
+    figure.alt = said
     return figure
 
 

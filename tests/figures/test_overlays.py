@@ -227,3 +227,19 @@ BAD_K = np.array([[0.0, 0, 1], [0, 1, 1], [0, 0, 1]])
 def test_bad_input_is_named(call, name):
     with pytest.raises(ValueError, match=f"^{name}: expected"):
         call(_axes())
+
+
+def test_an_ellipse_holds_two_deviations():
+    axes = figures.picture(np.zeros((60, 80))).axes[0]
+    turn = np.radians(30)
+    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    covariance = 9 * np.outer(along, along) + 4 * np.outer(across, across)
+    figures.draw_ellipse(axes, [40, 30], covariance)
+    (ring,) = axes.patches
+    assert (ring.width, ring.height) == pytest.approx((12, 8))
+    assert np.mod(ring.angle, 180) == pytest.approx(30)
+    tip = ring.get_patch_transform().transform([1, 0])
+    assert abs((tip - [40, 30]) @ along) == pytest.approx(6)
+    figures.draw_ellipse(axes, [1, 1], np.zeros((2, 2)), rim=True)
+    with pytest.raises(ValueError, match="covariance"):
+        figures.draw_ellipse(axes, [1, 1], np.eye(3))

@@ -47,7 +47,6 @@ def before_and_after(
         "Left, the start: measured points in blue lie askew of the model's in orange. Middle, the "
         "end: they lie on the model. Right: the distance between them falls with every step, from "
         f"{1000 * distances[0]:.1f} to {1000 * distances[-1]:.2f} mm in {len(distances)} steps.",
-        "",
     )
     panels = figure.subplots(1, 3)
     _from_above(panels[0], photo, measured, *steps[0], "start, from above")
@@ -89,7 +88,6 @@ def icp_starts(
         "others; the distance of the clouds at the end is larger for the wrong ends. Right, from "
         "above, a wrong end: the bodies coincide, the measured handle sticks out where the model "
         "has none.",
-        "",
     )
     panels = figure.subplots(1, 3)
     for axes, values, name in (

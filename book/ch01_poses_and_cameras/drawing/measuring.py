@@ -14,7 +14,7 @@ from matplotlib.patches import Rectangle
 
 from book.ch01_poses_and_cameras.drawing import photographs, stand_in
 from posecore import cameras, metrics, poses
-from posecore.figures import Picture, picture_grid
+from posecore.figures import Picture, chart, picture_grid
 from posecore.figures.style import COLOURS, HALO, INK, STYLES, new_picture
 
 __all__ = [
@@ -73,7 +73,6 @@ def seen_from_above(photo: Photograph, R: np.ndarray, t: np.ndarray) -> Picture:
         f"Left, in the picture: the outlines of the {photo.name} in its true and in its estimated "
         f"pose nearly coincide. Right, from above: the clouds are {away:.0f} mm apart, one behind "
         "the other as the camera sees them.",
-        "",
     )
     panels = figure.subplots(1, 2, width_ratios=[1.75, 1])
     panels[0].imshow(photographs.pale(photo))
@@ -102,7 +101,6 @@ def directions(points: np.ndarray, R: np.ndarray, t: np.ndarray) -> Picture:
         "orange stands upright, its knob on the true bar. Left, lines from each true point to the "
         "nearest estimated one: those of the whole knob are long. Right, the other way round: "
         "those of the knob are short.",
-        "",
     )
     panels = figure.subplots(1, 2, sharey=True)
     clouds = {"ground truth to estimate": (points, estimate)}
@@ -132,18 +130,26 @@ def thresholds(errors: np.ndarray, limits: Mapping[str, float]) -> Picture:
     x = np.linspace(0, 1.6 * max(limits.values()), 300)
     found = {label: 100 * metrics.accuracy(errors, limit) for label, limit in limits.items()}
     listed = "; ".join(f"{label}: {value:.0f} %" for label, value in found.items())
-    figure = new_picture(6.4, 3.0, f"A rising curve of accuracy over the threshold, crossed by "
-                         f"upright lines at three thresholds. {listed}.", "")  # fmt: skip
-    axes = figure.subplots()
-    axes.plot(1000 * x, 100 * metrics.accuracy_curve(errors, x), color=INK, lw=1.8)
-    for number, (label, limit) in enumerate(limits.items()):
-        look = {"color": COLOURS[2 + number % 3], "ls": STYLES[number % 4], "lw": 1.8}
-        axes.axvline(1000 * limit, label=f"{label}: {found[label]:.0f} %", **look)
-    axes.set(xlabel="threshold on ADD, mm", ylabel="poses below it, %", ylim=(0, 100))
-    axes.set_xlim(0, 1000 * x[-1])
-    axes.grid(alpha=0.3)
-    axes.legend(loc="upper left", fontsize=9)
-    return figure
+    curves = {"_accuracy": 100 * metrics.accuracy_curve(errors, x)}
+    named = {f"{label}: {found[label]:.0f} %": 1000 * limit for label, limit in limits.items()}
+    looks = {
+        label: {"color": COLOURS[2 + n % 3], "ls": STYLES[n % 4], "lw": 1.8}
+        for n, label in enumerate(named)
+    }
+    return chart(
+        curves,
+        x=1000 * x,
+        upright=named,
+        looks=looks | {"_accuracy": {"color": INK}},
+        xlabel="threshold on ADD, mm",
+        ylabel="poses below it, %",
+        xlim=(0, 1000 * x[-1]),
+        ylim=(0, 100),
+        legend="upper left",
+        size=(6.4, 3.0),
+        alt="A rising curve of accuracy over the threshold, crossed by upright lines at three "
+        f"thresholds. {listed}.",
+    )
 
 
 def cliff(
@@ -161,7 +167,6 @@ def cliff(
         "Each estimate is a dot, its rotation error to the right and its translation error up. "
         "Only dots inside the rectangle from the origin to 5 degrees and 5 cm count. Of two named "
         "ones just beside its edge, one is inside and one outside.",
-        "",
     )
     axes = figure.subplots()
     axes.add_patch(Rectangle((0, 0), 5, 5, fc="#d9ecd9", ec="none"))
@@ -193,7 +198,6 @@ def bins_of_angles(true: np.ndarray, errors: Mapping[str, np.ndarray], width: fl
         "Left: most true angles are below ten degrees, a few reach seventy. Right: the mean "
         "error in each bin of the true angle; the honest method's is level, the lazy one's climbs "
         "with the angle.",
-        "",
     )
     panels = figure.subplots(1, 2)
     bins = np.floor(np.abs(true) / width).astype(int)
@@ -239,7 +243,6 @@ def boxes_apart(
         f"Left: pairs of cubes from above, {'; '.join(apart)}. Right: over the shift, the true "
         "overlap falls fast to 0 at the cubes' own size, the legacy scores fall slowly and stay "
         "above 0 where the cubes no longer touch.",
-        "",
     )
     panels = figure.subplots(1, 2)
     edge = 100 * size
@@ -270,7 +273,6 @@ def precision_recall(recall: np.ndarray, precision: np.ndarray, area: float) -> 
         2.8,
         "A staircase that falls from precision 1 as recall grows; dots mark the estimates in "
         f"the order of their scores. The area under it, the average precision, is {area:.3f}.",
-        "",
     )
     axes = figure.subplots()
     best = np.maximum.accumulate(precision[::-1])[::-1]
@@ -292,9 +294,7 @@ def scoreboard(verdicts: Mapping[str, Mapping[str, bool]]) -> Picture:
         f"{case}: correct by " + (", ".join(c for c in columns if row[c]) or "none")
         for case, row in verdicts.items()
     )
-    figure = new_picture(
-        8.0, 0.42 * len(cases) + 0.75, f"A table of ticks and crosses. {said}.", ""
-    )
+    figure = new_picture(8.0, 0.42 * len(cases) + 0.75, f"A table of ticks and crosses. {said}.")
     axes = figure.subplots()
     for i, row in enumerate(passed):
         for j, ok in enumerate(row):
@@ -319,25 +319,21 @@ def not_quite_rotations(
         angles: formula -> (D,) median angle, radians.
         true: the true median angle, radians.
     """
-    figure = new_picture(
-        6.4,
-        3.2,
-        "Three formulas for the rotation error over the scale of the ground truth's matrix, from "
-        f"{100 * defects[0]:.1f} to {100 * defects[-1]:+.1f} %. They agree where the matrix is a "
-        "rotation. Beside it, that with the inverse rises to the right and falls to 0 on the left, "
-        "that with the transpose the other way round; the third, after projection, stays at "
+    looks = zip(angles, (3, 4, 0), ("--", "-.", "-"), strict=False)
+    return chart(
+        {label: np.degrees(values) for label, values in angles.items()},
+        x=100 * defects,
+        looks={label: {"color": COLOURS[k], "ls": ls, "lw": 2} for label, k, ls in looks},
+        xlabel="scale of the ground truth's matrix, % off 1",
+        ylabel="median angle, °",
+        ylim=(0, None),
+        size=(6.4, 3.2),
+        alt="Three formulas for the rotation error over the scale of the ground truth's matrix, "
+        f"from {100 * defects[0]:.1f} to {100 * defects[-1]:+.1f} %. They agree where the matrix "
+        "is a rotation. Beside it, that with the inverse rises to the right and falls to 0 on the "
+        "left, that with the transpose the other way round; the third, after projection, stays at "
         f"{np.degrees(true):.1f} degrees.",
-        "",
     )
-    axes = figure.subplots()
-    for number, (label, values) in enumerate(angles.items()):
-        look = {"color": COLOURS[(3, 4, 0)[number]], "ls": STYLES[number + 1 if number < 2 else 0]}
-        axes.plot(100 * defects, np.degrees(values), label=label, lw=2, **look)
-    axes.set(xlabel="scale of the ground truth's matrix, % off 1", ylabel="median angle, °")
-    axes.set_ylim(bottom=0)
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=9)
-    return figure
 
 
 def _outline(axes: Axes, photo: Photograph, R: np.ndarray, t: np.ndarray, colour: str) -> None:

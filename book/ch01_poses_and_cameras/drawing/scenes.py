@@ -106,7 +106,6 @@ def pinhole(photo: Photograph) -> Picture:
         "Seen from above: a ray from the camera's centre to a point at depth Z, X beside the "
         "optical axis. The ray crosses the image, which stands f in front of the centre, at "
         "f X / Z beside the axis: two triangles of the same shape.",
-        "",
     )
     axes = figure.subplots()
     f, side, step = 0.4 * Z, np.sign(X), 0.13 * X  # `step` leads away from the ray
@@ -142,7 +141,6 @@ def pixel_grid() -> Picture:
         "Four by three squares. The centre of the first, at the top left, is (0, 0); the "
         "picture's corner is half a pixel further out, at (-0.5, -0.5); x runs to the right, y "
         "down; the last centre is (3, 2).",
-        "",
     )
     axes = figure.subplots()
     for x in range(4):

@@ -26,7 +26,6 @@ def wall_from_above() -> Picture:
         "meet a slanted wall. The nearer ones meet it close together, the farther ones wide "
         f"apart. The middle ray sees a depth of {z[4]:.2f} m; the wall's middle is at "
         f"{middle[1]:.2f} m.",
-        "",
     )
     axes = figure.subplots()
     axes.plot([near[1], far[1]], [near[0], far[0]], color="0.75", lw=6, solid_capstyle="butt")
@@ -61,7 +60,6 @@ def two_depths(
         "The triangle twice, with a depth in metres in each of its pixels. Left, the depths of the "
         "corners mixed linearly in the image; right, the true depths. "
         f"All are larger on the left, by up to {worst:.0f} mm.",
-        "",
     )
     limits = true[inside].min(), linear[inside].max()
     titles = "linear in the image: wrong", "with the weights of the surface"

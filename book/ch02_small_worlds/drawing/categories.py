@@ -6,14 +6,12 @@ import cv2
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from book.ch02_small_worlds.drawing import light
 from data_tools.views import View
 from posecore.figures import Picture, draw_axes, picture_grid
+from posecore.figures.photographs import thin_lines, without_grain
 from posecore.figures.style import INK, new_picture
 
 __all__ = ["coordinates", "coordinates_in_space", "mugs", "strip"]
-
-quiet, thin = light.quiet, light.thin
 
 
 def strip(rows: Mapping[str, Sequence[View]]) -> Picture:
@@ -25,7 +23,8 @@ def strip(rows: Mapping[str, Sequence[View]]) -> Picture:
     alt += ", ".join(rows) + ". The shifted ones are in harsher light, and grainier."
     # Small copies: a page holds many pictures.
     images = [cv2.resize(view.rgb, None, fx=0.6, fy=0.6, interpolation=3) for view in views]
-    return picture_grid(quiet(images, 48), titles, columns=len(names), width=6.2, alt=alt)
+    images = [without_grain(image) for image in images]
+    return picture_grid(images, titles, columns=len(names), width=6.2, alt=alt)
 
 
 def coordinates(pairs: Sequence[tuple[View, np.ndarray]]) -> Picture:
@@ -34,7 +33,7 @@ def coordinates(pairs: Sequence[tuple[View, np.ndarray]]) -> Picture:
     maps = []
     for view, nocs in pairs:
         maps.append(np.uint8(255 * np.where(view.objects[0].mask[..., None], nocs, 0.96)))
-    images = quiet([view.rgb for view, _ in pairs], 64) + quiet(maps, 144, smooth=False)
+    images = [without_grain(view.rgb) for view, _ in pairs] + maps
     alt = (
         f"Above: {', '.join(titles)}, in colour. Below, each pixel of the object has the colour of "
         "its place on it: red grows along x, green upwards, blue to the front."
@@ -58,7 +57,6 @@ def coordinates_in_space(view: View, points: np.ndarray, colours: np.ndarray) ->
         f"The pixels of a {item.category} as points of its own frame, each in the colour of its "
         "coordinates, inside the box of its size: from the front and from above. Only the side "
         "that the camera sees is there.",
-        "",
     )
     steps = np.round(colours.clip(0, 1) * 6) / 6
     for axes, (down, name) in zip(figure.subplots(1, 2), ((1, "y"), (2, "z")), strict=True):
@@ -76,7 +74,7 @@ def mugs(views: Sequence[View], shares: Sequence[float]) -> Picture:
     """Mugs with the share of their visible pixels that lies on the handle."""
     titles = [f"handle: {100 * share:.0f} % of the pixels" for share in shares]
     figure = picture_grid(
-        quiet([view.rgb for view in views]),
+        [without_grain(view.rgb) for view in views],
         titles,
         width=2.0 * len(views),
         alt="Mugs, from one whose handle is in full view to some whose handle is hidden and which "
@@ -85,5 +83,5 @@ def mugs(views: Sequence[View], shares: Sequence[float]) -> Picture:
     for axes, view in zip(figure.axes, views, strict=True):
         item = view.objects[0]
         draw_axes(axes, view.K, item.R, item.t, 0.5 * item.size.max())
-        thin(axes, 2)
+        thin_lines(axes, 2)
     return figure

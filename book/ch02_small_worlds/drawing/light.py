@@ -3,20 +3,17 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import cv2
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch, Polygon, Rectangle
-from matplotlib.patheffects import withStroke
-from PIL import Image
 
 from data_tools.renderer import Light, PreparedMesh, prepare, render_colour, render_infrared
 from data_tools.sensors import linear_to_srgb
 from data_tools.shapes import Material, Mesh, make_floor, make_object
 from data_tools.worlds.placing import look_at, turn_z
 from posecore import poses
-from posecore.figures import Picture, picture_grid
+from posecore.figures import Picture, chart, picture_grid
+from posecore.figures.photographs import bare, without_grain
 from posecore.figures.style import COLOURS, HALO, INK, new_picture
 
 __all__ = [
@@ -27,49 +24,16 @@ __all__ = [
     "in_both_lights",
     "noise_of_depth",
     "photographed",
-    "quiet",
     "same_things",
-    "thin",
     "two_distances",
     "wall",
     "why_shadows",
 ]
 
-RIM = (withStroke(linewidth=2.8, foreground="white"),)
 MEASURED = "#ffffff"
 REASONS = ("#000000", "#0072B2", "#D55E00", "#F0B85B")  # from dark to bright, for a grey print
 
 Pose = tuple[np.ndarray, np.ndarray]
-
-
-def quiet(images: Sequence[np.ndarray], colours: int = 48, smooth: bool = True) -> list[np.ndarray]:
-    """Images of bytes without their grain, all in the same few colours.
-
-    A page holds many pictures, and noise would fill its file.
-
-    Args:
-        images: each (H, W, 3), or each (H, W).
-        colours: how many all of them have together.
-        smooth: whether to remove the grain.
-    """
-    colour = images[0].ndim == 3
-    if smooth:
-        look = (5, 28, 2.5) if colour else (3, 14, 1.5)  # fine things are greys of few pixels
-        images = [cv2.bilateralFilter(np.ascontiguousarray(i), *look) for i in images]
-    if not colour:  # in even steps: few pixels are bright, and they matter
-        step = 256 // colours
-        return [np.repeat((i // step * step + step // 2)[..., None], 3, axis=2) for i in images]
-    row = np.concatenate([image.reshape(1, -1, 3) for image in images], axis=1)
-    few = Image.fromarray(row).quantize(colours, kmeans=2, dither=Image.Dither.NONE)
-    ends = np.cumsum([image.shape[0] * image.shape[1] for image in images])[:-1]
-    parts = np.split(np.asarray(few.convert("RGB"))[0], ends)
-    return [part.reshape(image.shape) for part, image in zip(parts, images, strict=True)]
-
-
-def thin(axes: Axes, width: float = 1.2) -> None:
-    """Lines without smooth edges, which would fill the file with colours."""
-    for line in axes.lines:
-        line.set(linewidth=width, antialiased=False, path_effects=RIM)
 
 
 def wall(infrared: float, lean: float) -> PreparedMesh:
@@ -93,31 +57,27 @@ def two_distances(images: Mapping[float, np.ndarray]) -> Picture:
         f"{titles[0]} it is bright, at {titles[-1]} very dark; the background is black in both."
     )
     shown = [np.uint8(255 * np.clip(image, 0, 1)) for image in images.values()]
-    shown = quiet(shown, 32)
+    shown = [without_grain(image) for image in shown]
     return picture_grid(shown, titles, width=2.6 * len(shown), alt=alt)
 
 
 def brightness(z: np.ndarray, measured: np.ndarray, slope: float) -> Picture:
     """Brightness of the forehead over its distance, on log axes, with a line for 1 / z^2."""
-    figure = new_picture(
-        5.6,
-        3.0,
-        f"On log axes the brightness of the forehead falls along a straight line from {z[0]:.1f} "
-        f"to {z[-1]:.1f} m; the slope is {slope:.2f}. The line of the formula passes through.",
-        "",
-    )
-    axes = figure.subplots()
     fine = np.geomspace(z[0], z[-1], 50)
     middle = np.exp(np.log(measured * z**2).mean())
-    axes.loglog(fine, middle / fine**2, color=INK, lw=1.5, label="falls with the square")
-    axes.loglog(z, measured, "o", color=COLOURS[1], label=f"rendered forehead, slope {slope:.2f}")
-    ticks = [t for t in (0.4, 0.6, 0.8, 1.2, 1.6) if z[0] <= t <= z[-1]]
-    axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
-    axes.set_xticks([], minor=True)
-    axes.set(xlabel="distance of the forehead, m", ylabel="brightness")
-    axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=9)
-    return figure
+    return chart(
+        {"falls with the square": (fine, middle / fine**2)},
+        marks={f"rendered forehead, slope {slope:.2f}": (z, measured)},
+        looks={"falls with the square": {"color": INK, "lw": 1.5}},
+        log="xy",
+        xlabel="distance of the forehead, m",
+        ylabel="brightness",
+        xticks=[t for t in (0.4, 0.6, 0.8, 1.2, 1.6) if z[0] <= t <= z[-1]],
+        size=(5.6, 3.0),
+        alt=f"On log axes the brightness of the forehead falls along a straight line from "
+        f"{z[0]:.1f} to {z[-1]:.1f} m; the slope is {slope:.2f}. The line of the formula passes "
+        "through.",
+    )
 
 
 def in_both_lights(meshes: Sequence[Mesh], R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -143,7 +103,7 @@ def same_things(pairs: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Picture:
         "the lamp's glare, and prints may be gone."
     )
     titles = [f"{name}\ncolour" for name in pairs] + ["infrared"] * len(pairs)
-    shown = quiet(colour) + quiet(infrared, 32)
+    shown = [without_grain(image) for image in colour + infrared]
     return picture_grid(shown, titles, columns=len(pairs), width=5.8, alt=alt)
 
 
@@ -159,7 +119,6 @@ def why_shadows(f: float, baseline: float) -> Picture:
         3.8,
         "From above: a camera and, to its right, a projector look at a wall; a box stands between. "
         "Left of the box a strip of the wall is seen by the camera and not lit by the projector.",
-        "",
     )
     axes = figure.subplots()
     near, far, left, right = 0.3, 0.6, -0.05, 0.12
@@ -231,25 +190,25 @@ def noise_of_depth(z: np.ndarray, measured: np.ndarray, plain: np.ndarray, f: fl
         measured, plain: (N,) standard deviations of the library's and of the page's camera, metres.
         f: standard deviation of z over z^2 by the formula, 1/m.
     """
-    figure = new_picture(
-        5.6,
-        3.0,
-        f"The noise of depth grows with the square of the distance, from {1000 * measured[0]:.1f} "
-        f"mm at {z[0]:.1f} m to {1000 * measured[-1]:.0f} mm at {z[-1]:.1f} m. The marks of the "
-        "library's camera and of the page's lie on the curve of the formula.",
-        "",
-    )
-    axes = figure.subplots()
     fine = np.linspace(0, z[-1], 60)
-    axes.plot(fine, 1000 * f * fine**2, color=INK, lw=1.5, label="formula")
-    axes.plot(z, 1000 * measured, "o", color=COLOURS[0], ms=8, mfc="none", label="library's camera")
-    axes.plot(z, 1000 * plain, "x", color=COLOURS[1], label="this page's")
-    axes.set(
-        xlabel="depth z, m", ylabel="standard deviation of z, mm", ylim=(0, None), xlim=(0, None)
+    return chart(
+        {"formula": (fine, 1000 * f * fine**2)},
+        marks={"library's camera": (z, 1000 * measured), "this page's": (z, 1000 * plain)},
+        looks={
+            "formula": {"color": INK, "lw": 1.5},
+            "library's camera": {"color": COLOURS[0], "ms": 8, "mfc": "none"},
+            "this page's": {"color": COLOURS[1], "marker": "x"},
+        },
+        xlabel="depth z, m",
+        ylabel="standard deviation of z, mm",
+        xlim=(0, None),
+        ylim=(0, None),
+        size=(5.6, 3.0),
+        alt="The noise of depth grows with the square of the distance, from "
+        f"{1000 * measured[0]:.1f} mm at {z[0]:.1f} m to {1000 * measured[-1]:.0f} mm at "
+        f"{z[-1]:.1f} m. The marks of the library's camera and of the page's lie on the curve of "
+        "the formula.",
     )
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=9)
-    return figure
 
 
 def depth_and_holes(
@@ -271,7 +230,6 @@ def depth_and_holes(
         "Left, the exact depth of a table with things: smooth. Middle, what the camera measures: "
         "it has holes, most of them in strips left of the things. Right, why: "
         f"{shares} of all pixels.",
-        "",
     )
     panels = figure.subplots(1, 3)
     limits = {"vmin": exact[exact > 0].min(), "vmax": np.percentile(exact[exact > 0], 80)}
@@ -280,13 +238,13 @@ def depth_and_holes(
         shown = axes.imshow(steps, cmap="viridis", interpolation="nearest", **limits)
         axes.set_title(title, fontsize=10)
         axes.set_facecolor("white")
-        axes.set(xticks=[], yticks=[])
+        bare(axes, INK)
     figure.colorbar(shown, ax=panels[:2], label="depth, m", shrink=0.62, pad=0.01, location="left")
     colours = ListedColormap([MEASURED, *REASONS[: len(names)]])
     norm = BoundaryNorm(np.arange(-1.5, len(names) + 0.5), colours.N)
     panels[2].imshow(reasons, cmap=colours, norm=norm, interpolation="nearest")
     panels[2].set_title("why there is none", fontsize=10)
-    panels[2].set(xticks=[], yticks=[])
+    bare(panels[2], INK)
     patches = [
         Patch(fc=colour, ec=INK, lw=0.6, label=name)
         for colour, name in zip(REASONS, names, strict=False)
@@ -302,5 +260,5 @@ def exposures(images: Mapping[float, np.ndarray]) -> Picture:
         "is dark and grainy, in the last the bright parts have lost their pattern and are white."
     )
     titles = [f"exposure {exposure:g}" for exposure in images]
-    shown = quiet([image[40:150, 50:200] for image in images.values()], 40, smooth=False)
+    shown = [image[40:150, 50:200] for image in images.values()]
     return picture_grid(shown, titles, width=6.0, alt=alt)

@@ -9,10 +9,10 @@ import numpy as np
 from torch import Tensor
 
 import data_tools
-from book.ch02_small_worlds.drawing.light import quiet
 from data_tools.views import View
 from data_tools.worlds.categories import nocs_map
 from posecore.figures import Picture, draw_axes, draw_box, picture, picture_grid
+from posecore.figures.photographs import show_crop, without_grain
 from posecore.figures.style import BOX_COLOURS, COLOURS, STYLES, house_style, new_picture
 
 __all__ = ["augmented", "bop_picture", "films", "question"]
@@ -31,9 +31,9 @@ def question() -> Picture:
     across = round(headset.shape[0] * width / height)
     first = (headset.shape[1] - across) // 2
     given = [
-        _calm(cv2.resize(grey[:, first : first + across], (width, height))),
-        _calm(tabletop.rgb),
-        _calm(cv2.resize(_square([crop.rgb for crop in crops]), (width, height))),
+        without_grain(cv2.resize(grey[:, first : first + across], (width, height))),
+        without_grain(tabletop.rgb),
+        without_grain(cv2.resize(_square([crop.rgb for crop in crops]), (width, height))),
     ]
     maps = _square([nocs_map(crop) for crop in crops])
     known = np.where(maps.any(-1, keepdims=True), 8 * (maps * 31.9 // 1), 225).astype(np.uint8)
@@ -61,7 +61,7 @@ def question() -> Picture:
     for item in tabletop.objects:
         if item.visible_fraction > 0.3:
             draw_axes(axes[4], tabletop.K, item.R, item.t, 0.045)
-    return _plain(figure)
+    return figure
 
 
 def augmented(batches: Sequence[Mapping[str, Tensor]]) -> Picture:
@@ -74,7 +74,7 @@ def augmented(batches: Sequence[Mapping[str, Tensor]]) -> Picture:
     crops = [np.round(255 * row["rgb"].transpose(1, 2, 0)).astype(np.uint8) for row in rows]
     titles = ["as it was", *(["varied"] * (len(rows) - 1))]
     figure = picture_grid(
-        quiet(crops, 64),
+        [without_grain(crop) for crop in crops],
         titles,
         columns=4,
         width=7.6,
@@ -83,7 +83,7 @@ def augmented(batches: Sequence[Mapping[str, Tensor]]) -> Picture:
     )
     for axes, row in zip(figure.axes, rows, strict=True):
         draw_axes(axes, row["K"], row["R"], row["t"], 0.32 * row["size"].max())
-    return _plain(figure)
+    return figure
 
 
 def bop_picture(view: View) -> Picture:
@@ -95,7 +95,7 @@ def bop_picture(view: View) -> Picture:
         if item.visible_fraction > 0.3:
             colour = BOX_COLOURS[item.object_id % len(BOX_COLOURS)]
             draw_box(figure.axes[0], view.K, item.R, item.t, item.size, colour=colour)
-    return _plain(figure)
+    return figure
 
 
 @house_style
@@ -115,13 +115,10 @@ def films(
         3.4,
         "Left, strips of films in which a head looks about, a row for each driver. Right, the "
         "share of test pictures below each error: shuffled frames are far better.",
-        "films",
     )
     strips, curve = figure.subplots(1, 2, width_ratios=(1.15, 1))
     rows = [np.hstack(pictures[who == driver][::every][:5, :, 10:70]) for driver in np.unique(who)]
-    shown = quiet([np.vstack(rows)], 32, smooth=False)[0]
-    strips.imshow(np.minimum(1, shown / 150), interpolation="nearest")
-    strips.set_axis_off()
+    show_crop(strips, np.minimum(1, np.vstack(rows) / 150))
     strips.set_title(f"films, every {every}th picture")
     for (name, values), colour, style in zip(errors.items(), COLOURS, STYLES, strict=False):
         share = np.arange(1, len(values) + 1) / len(values)
@@ -136,19 +133,6 @@ def _square(images: list[np.ndarray]) -> np.ndarray:
     return np.vstack([np.hstack(images[:2]), np.hstack(images[2:])])
 
 
-def _calm(image: np.ndarray) -> np.ndarray:
-    """The picture without its noise and in few colours, which makes the page half as large."""
-    return quiet([image], 36)[0]
-
-
 def _pale(rgb: np.ndarray) -> np.ndarray:
-    """The same and pale, so that lines stand out."""
-    return np.round(110 + 0.56 * _calm(rgb)).astype(np.uint8)
-
-
-def _plain(figure: Picture) -> Picture:
-    """Without colours that only stand between those of neighbours."""
-    for axes in figure.axes:
-        for image in axes.images:
-            image.set_interpolation("nearest")
-    return figure
+    """The picture without its noise and pale, so that lines stand out."""
+    return np.round(110 + 0.56 * without_grain(rgb)).astype(np.uint8)

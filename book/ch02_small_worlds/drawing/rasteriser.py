@@ -54,7 +54,6 @@ def landed(corners: np.ndarray, z: np.ndarray, size: tuple[int, int]) -> Picture
         3.5,
         f"A grid of {size[0]} by {size[1]} pixels, a dot at the centre of each, and a triangle "
         f"over it: {places}. The corners are {z[0]:g}, {z[1]:g} and {z[2]:g} m away.",
-        "",
     )
     axes = figure.subplots()
     grids.grid(axes, size)
@@ -82,7 +81,6 @@ def half_planes(corners: np.ndarray, values: np.ndarray, inside: np.ndarray) -> 
         "each pixel shows the number of one edge function: positive and tinted on the triangle's "
         "side of the edge, 0 on the edge, negative and white beyond it. In the last, the "
         f"{inside.sum()} pixels that are positive in all three fill the triangle.",
-        "",
     )
     panels = figure.subplots(2, 2).ravel()
     for axes, k in zip(panels, (2, 0, 1), strict=False):
@@ -135,7 +133,6 @@ def shared_edge(corners: Sequence[np.ndarray], owners: np.ndarray, on_edge: np.n
         f"twice. Rings mark {on_edge.sum()} centres on an edge of the first: "
         f"{(on_edge & first).sum()} on its left edge are its own, {(on_edge & second).sum()} on "
         "the shared edge are the second's, the others nobody's.",
-        "",
     )
     axes = figure.subplots()
     grids.grid(axes, (width, height))
@@ -162,7 +159,6 @@ def barycentric(corners: np.ndarray, size: tuple[int, int]) -> Picture:
         "The triangle three times, with lines of equal barycentric coordinate. For each corner "
         "they run parallel to the edge across: 0 on that edge, then 0.25, 0.5, 0.75, and 1 at the "
         "corner; the nearer to the corner, the darker.",
-        "",
     )
     x, y = np.meshgrid(np.linspace(-0.5, size[0] - 0.5, 241), np.linspace(-0.5, size[1] - 0.5, 181))
     values = grids.edges(corners, np.stack([x, y], -1)) / grids.edges(corners, corners[2])[2]
@@ -207,7 +203,6 @@ def edge_functions(x: int = 6, y: int = 3, c_x: int = 4, c_y: int = 1) -> Pictur
         f"triangles, whose double areas with their signs are E_bc = {values[0]:g}, "
         f"E_ca = {values[1]:g} and E_ab = {values[2]:g}; {where}. Right: bars of the barycentric "
         "coordinates" + (" " + ", ".join(f"{v / total:.2f}" for v in values) if total else ""),
-        "",
     )
     figure.suptitle(title, fontsize=12)
     picture, bars = figure.subplots(1, 2, width_ratios=[1.7, 1])

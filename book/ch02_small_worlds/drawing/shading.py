@@ -167,7 +167,6 @@ def spread_beam() -> Picture:
         "Twice a beam of six parallel rays falls from above on a surface, drawn from the side. "
         "Left, the surface is level and the lit stretch as wide as the beam. Right, it is tilted "
         "by 60 degrees, and the same six rays spread over a stretch twice as long.",
-        "",
     )
     for axes, tilt in zip(figure.subplots(1, 2), (0, 60), strict=True):
         angle = np.radians(tilt)
@@ -243,9 +242,7 @@ def what_is_added(
     window = slice(height // 6, height - height // 10)  # where the things are
     shown = [image[window] for image in (*images, photograph)]
     return picture_grid(
-        [
-            np.minimum(255, 8 * np.round(image / 8)).astype(np.uint8) for image in shown
-        ],  # few colours
+        shown,
         titles,
         columns=3,
         width=8.4,

@@ -20,7 +20,6 @@ def angles_of_heads(angles: np.ndarray, width: float) -> Picture:
         2.8,
         "Three histograms of the size of yaw, pitch and roll, with a logarithmic axis of counts: "
         "most pictures are in the first bins, the last bins hold one or a few.",
-        "",
     )
     panels = figure.subplots(1, 3, sharey=True)
     for axes, name, values in zip(panels, ("yaw", "pitch", "roll"), angles.T, strict=True):
@@ -44,7 +43,6 @@ def visible_fractions(fractions: Mapping[str, np.ndarray]) -> Picture:
         6.0,
         2.9,
         f"Histograms of the visible fraction. Objects that are less than half visible: {named}.",
-        "",
     )
     axes = figure.subplots()
     edges = np.linspace(0, 1, 11)
@@ -72,7 +70,6 @@ def viewpoints(directions: Mapping[str, np.ndarray]) -> Picture:
             f"{name}: {100 * np.mean(d[:, 2] < 0):.0f} % from below the object's middle"
             for name, d in directions.items()
         ),
-        "",
     )
     panels = figure.subplots(1, len(directions), sharey=True)
     for axes, (name, d) in zip(panels, directions.items(), strict=True):
@@ -96,7 +93,6 @@ def missing_depth(names: Sequence[str], shares: Mapping[str, np.ndarray]) -> Pic
         2.9,
         f"Bars of the share of visible pixels without depth for each object; the {worst} loses "
         "most. In the occluded split all lose more than in the easy one.",
-        "",
     )
     axes = figure.subplots()
     for number, (split, values) in enumerate(shares.items()):
@@ -120,7 +116,6 @@ def sizes(extent: Mapping[str, np.ndarray]) -> Picture:
             f"{name} {100 * e[:, 1].min():.0f} to {100 * e[:, 1].max():.0f} cm high"
             for name, e in extent.items()
         ),
-        "",
     )
     axes = figure.subplots()
     for number, name in enumerate(("x: width", "y: height", "z: depth")):

@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from book.ch01_poses_and_cameras.drawing.stand_in import sample_surface
-from book.ch02_small_worlds.drawing import light
 from data_tools.renderer import Light, PreparedMesh, prepare, render_colour
 from data_tools.sensors import linear_to_srgb
 from data_tools.shapes import GLASSES, NAMES, make_glasses, make_object, make_subject
@@ -21,6 +20,7 @@ from posecore.figures import (
     draw_outline,
     picture_grid,
 )
+from posecore.figures.photographs import thin_lines, without_grain
 from posecore.figures.style import BOX_COLOURS, COLOURS
 from posecore.rotations import euler_to_matrix
 
@@ -35,7 +35,6 @@ __all__ = [
     "three_cameras",
 ]
 
-quiet, thin = light.quiet, light.thin
 Pose = tuple[np.ndarray, np.ndarray]
 CAMERA_GREYS = ("#000000", "#666666", "#a0a0a0")
 PAPER = 0.92  # linear; behind objects that are shown alone
@@ -67,7 +66,9 @@ def four_glasses() -> Picture:
         "display before one eye."
     )
     return picture_grid(
-        quiet(images), [f"{n}: {name}" for n, name in enumerate(GLASSES, 1)], alt=alt
+        [without_grain(i) for i in images],
+        [f"{n}: {name}" for n, name in enumerate(GLASSES, 1)],
+        alt=alt,
     )
 
 
@@ -134,7 +135,7 @@ def head_turns(turns: Mapping[str, np.ndarray]) -> Picture:
     t = np.array([0, -0.005, 0.8])
     images = [_alone(things, (R, t), K, size) for R in turns.values()]
     figure = picture_grid(
-        quiet(images, 40),
+        [without_grain(image) for image in images],
         list(turns),
         width=6.8,
         alt="A head with glasses from straight in front, with axes x to the right, y down and z "
@@ -143,7 +144,7 @@ def head_turns(turns: Mapping[str, np.ndarray]) -> Picture:
     )
     for axes, R in zip(figure.axes, turns.values(), strict=True):
         draw_axes(axes, K, R, t, 0.085)
-        thin(axes, 2)
+        thin_lines(axes, 2)
     return figure
 
 
@@ -156,7 +157,10 @@ def eight_objects(notes: Mapping[int, str]) -> Picture:
     titles = [f"{n}: {NAMES[n - 1]}\n{notes[n]}" for n in numbers]
     names = ", ".join(f"{NAMES[n - 1]} ({notes[n]})" for n in numbers)
     return picture_grid(
-        quiet(images, 96), titles, columns=4, alt=f"Eight objects, each alone: {names}."
+        [without_grain(image) for image in images],
+        titles,
+        columns=4,
+        alt=f"Eight objects, each alone: {names}.",
     )
 
 
@@ -167,7 +171,7 @@ def tables(views: Mapping[str, View], size: Mapping[int, np.ndarray]) -> Picture
         views: by title.
         size: (3,) of the box by object id, metres; empty for no boxes.
     """
-    images = [quiet([view.rgb], 60)[0] for view in views.values()]
+    images = [without_grain(view.rgb) for view in views.values()]
     drawn = ", with the true box around each object" if size else ""
     alt = f"Pictures of objects{drawn}: " + "; ".join(
         f"{title} with {len(view.objects)} labelled objects" for title, view in views.items()
@@ -177,7 +181,7 @@ def tables(views: Mapping[str, View], size: Mapping[int, np.ndarray]) -> Picture
         for number, item in enumerate(view.objects if size else ()):
             colour = BOX_COLOURS[number % len(BOX_COLOURS)]
             draw_box(axes, view.K, item.R, item.t, size[item.object_id], colour=colour)
-        thin(axes, 1.4)
+        thin_lines(axes, 1.4)
     return figure
 
 
@@ -195,7 +199,7 @@ def outside_the_image(view: View, index: int, full: np.ndarray, share: float) ->
     mask = view.objects[index].mask
     pale = (0.6 * view.rgb + 0.4 * 255).astype(np.uint8)
     pale[mask] = np.minimum(view.rgb[mask], 170) * 1.5
-    canvas[height : 2 * height, width : 2 * width] = quiet([pale], 40)[0]
+    canvas[height : 2 * height, width : 2 * width] = without_grain(pale)
     rows, columns = np.nonzero(full)
     low = np.minimum([columns.min(), rows.min()], [width, height]) - 8
     high = np.maximum([columns.max(), rows.max()], [2 * width, 2 * height]) + 8
@@ -212,14 +216,14 @@ def outside_the_image(view: View, index: int, full: np.ndarray, share: float) ->
     )
     draw_outline(figure.axes[0], full[cut], colour=COLOURS[1], style="--", label="full")
     draw_outline(figure.axes[0], inside[cut], colour=COLOURS[0], label="visible")
-    thin(figure.axes[0], 1.8)
+    thin_lines(figure.axes[0], 1.8)
     figure.axes[0].legend(fontsize=9, loc="lower right")
     return figure
 
 
 def _bright(infrared: np.ndarray) -> np.ndarray:
     """An infrared image half as bright again, as the eye likes it."""
-    return quiet([np.uint8(1.5 * np.minimum(infrared, 170))], 32)[0]
+    return without_grain(np.uint8(1.5 * np.minimum(infrared, 170)))
 
 
 def _head_of(view: View) -> np.ndarray:

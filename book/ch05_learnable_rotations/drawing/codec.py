@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from torch import Tensor
 
 from posecore import rotations
-from posecore.figures import Picture
+from posecore.figures import Picture, draw_chart
 from posecore.figures.style import COLOURS, INK, MARKERS, STYLES, new_picture
 from posecore.nets.rotation_heads import RotationCodec
 
@@ -48,7 +48,6 @@ def pipeline(codec: RotationCodec, R: Tensor) -> Picture:
         2.1,
         "The nine numbers of a rotation become a block of sines and cosines, twice 128 numbers, "
         f"nine numbers, and a rotation again, which is {off:.1f}° from the first.",
-        "",
     )
     panels = figure.subplots(1, 6, width_ratios=(1, 1.15, 1.15, 1.15, 1, 1))
     blocks = [
@@ -72,7 +71,6 @@ def side_by_side(R: Tensor, code: Tensor, size: float) -> Picture:
         3.0,
         f"{len(R)} rotation matrices as fields of numbers, light for large; below each its code, "
         "which looks much like it.",
-        "",
     )
     panels = figure.subplots(2, len(R))
     for column, pair in enumerate(zip(R, code / size, strict=True)):
@@ -97,7 +95,6 @@ def rays(codecs: Mapping[str, RotationCodec]) -> Picture:
         3.1,
         "Three planes. In each a circle, the turns themselves, and a closed curve for each codec, "
         "smaller or larger, that goes once round. Lines from the middle meet all of them.",
-        "",
     )
     panels = figure.subplots(1, 3, sharex=True, sharey=True)
     for axis, axes in enumerate(panels):
@@ -135,7 +132,6 @@ def near_and_far(angles: np.ndarray, distances: Mapping[str, np.ndarray]) -> Pic
         8.2,
         2.6,
         f"A dot for each pair of rotations: further apart, further apart in code space. {ends}.",
-        "",
     )
     panels = figure.subplots(1, len(distances), sharex=True, sharey=True, squeeze=False)[0]
     line = np.linspace(0, np.pi, 100)
@@ -156,21 +152,16 @@ def training(histories: Mapping[str, np.ndarray]) -> Picture:
     ends = "; ".join(f"{name}: {h[-1, 0]:.2g}°, size {h[-1, 1]:.2g}" for name, h in
                      histories.items())  # fmt: skip
     figure = new_picture(
-        8.2, 3.0, f"Error falls alike, while sizes part in the first steps and stay. {ends}.", ""
+        8.2, 3.0, f"Error falls alike, while sizes part in the first steps and stay. {ends}."
     )
-    panels = figure.subplots(1, 2)
-    for number, (name, history) in enumerate(histories.items()):
-        steps = 1 + np.arange(len(history))
-        look = {"color": COLOURS[number], "ls": STYLES[number % 4], "lw": 1.6}
-        keep = np.unique(np.geomspace(1, len(history), 300).astype(int)) - 1
-        for axes, values in zip(panels, history.T, strict=True):
-            axes.plot(steps[keep], np.where(values > 0, values, np.nan)[keep], label=name, **look)
-    panels[0].set(ylabel="error, ° (root mean square)")
-    panels[1].set(ylabel="size of the code")
-    for axes in panels:
-        axes.set(xlabel="step", xscale="log", yscale="log")
-        axes.grid(alpha=0.3, which="both")
-    panels[0].legend(fontsize=9)
+    words = {"xlabel": "step", "log": "xy"}
+    names = "error, ° (root mean square)", "size of the code"
+    for k, (axes, name) in enumerate(zip(figure.subplots(1, 2), names, strict=True)):
+        curves = {}
+        for label, history in histories.items():
+            keep = np.unique(np.geomspace(1, len(history), 300).astype(int)) - 1
+            curves[label] = 1 + keep, np.where(history[keep, k] > 0, history[keep, k], np.nan)
+        draw_chart(axes, curves, ylabel=name, legend=None if k else "best", **words)
     return figure
 
 
@@ -183,7 +174,6 @@ def spectra(values: Mapping[str, np.ndarray]) -> Picture:
         + "; ".join(f"{name}: {v.min() / v.mean():.2f} to {v.max() / v.mean():.2f}"
                     for name, v in values.items())
         + ".",
-        "",
     )  # fmt: skip
     panels = figure.subplots(1, len(values), sharex=True, sharey=True, squeeze=False)[0]
     edges = np.linspace(0, 2, 41)
@@ -206,7 +196,6 @@ def sizes(names: Sequence[str], degree: Sequence[float]) -> Picture:
         0.5 + 0.42 * len(names),
         "Bars of what an error of one degree adds to the loss: "
         + ", ".join(f"{n} {d:.3f}" for n, d in zip(names, degree, strict=True)),
-        "",
     )
     axes = figure.subplots()
     rows = np.arange(len(names))
@@ -228,7 +217,6 @@ def one_turn(turn: np.ndarray, targets: Mapping[str, np.ndarray]) -> Picture:
         4.4,
         f"Six panels of curves over a full turn. Torn: {', '.join(torn) or 'none'}. "
         "The others come back to where they began without a jump.",
-        "",
     )
     panels = figure.subplots(2, 3, sharex=True)
     for axes, (name, values) in zip(panels.flat, targets.items(), strict=True):
@@ -261,7 +249,6 @@ def wave_distances(x: np.ndarray, distances: Mapping[str, np.ndarray]) -> Pictur
                     f"{'near' if d[0, -1] < 0.1 * d.max() else 'far'}"
                     for name, d in distances.items())
         + ".",
-        "",
     )  # fmt: skip
     panels = figure.subplots(1, len(distances), sharey=True)
     ends = (x[0], x[-1], x[0], x[-1])

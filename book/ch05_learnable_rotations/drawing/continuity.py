@@ -4,14 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.patches import Circle
 
 from book.ch05_learnable_rotations.drawing import procrustes as more
 from book.ch05_learnable_rotations.drawing import turning
 from posecore import rotations
-from posecore.figures import Picture
+from posecore.figures import Picture, chart, draw_chart
 from posecore.figures.style import COLOURS, INK, STYLES, new_picture
 
 __all__ = [
@@ -34,6 +33,14 @@ question, once_round, two_turns = turning.question, turning.once_round, turning.
 gram_schmidt, on_a_line, screws = more.gram_schmidt, more.on_a_line, more.screws
 autograd_fails, shaken = more.autograd_fails, more.shaken
 
+ANGLE_AXIS = {
+    "log": "y",
+    "xlabel": r"angle $\theta$, degrees",
+    "ylabel": "largest error nearby, degrees",
+    "ylim": (1e-2, 400),
+    "xticks": range(-180, 181, 90),
+    "yticks": [0.01, 0.1, 1, 10, 180],
+}
 PLANES = (("x", "y"), ("y", "z"), ("z", "x"))
 
 
@@ -48,7 +55,6 @@ def torn_circle(theta: np.ndarray, answer: np.ndarray) -> Picture:
         "the other. The network's curve lies on the ramp, except at the tear, where it falls from "
         "the upper end to the lower. Right: its error over the angle, up to "
         f"{gap.max():.0f} degrees at the tear, and small elsewhere.",
-        "",
     )
     grid = figure.add_gridspec(1, 2, width_ratios=[1, 1.15])
     space = figure.add_subplot(grid[0], projection="3d")
@@ -63,27 +69,22 @@ def torn_circle(theta: np.ndarray, answer: np.ndarray) -> Picture:
     space.set_title("height: degrees", fontsize=10)
     space.legend(loc="upper left", bbox_to_anchor=(-0.1, 1.0), fontsize=9, frameon=False)
     flat = figure.add_subplot(grid[1])
-    flat.semilogy(*_envelope(theta, gap), color=COLOURS[1])
-    _angle_axis(flat)
+    look = {"color": COLOURS[1], "ls": "-", "lw": 1.5}
+    draw_chart(flat, {"gap": _envelope(theta, gap)}, looks={"gap": look}, **ANGLE_AXIS)
     return figure
 
 
 def errors_on_circle(theta: np.ndarray, errors: Mapping[str, np.ndarray]) -> Picture:
     """Errors (8 N + 1,) in degrees over the circle, one line each: the largest of 8 neighbours."""
     worst = ", ".join(f"{name} {gap.max():.1f}" for name, gap in errors.items())
-    figure = new_picture(
-        7.0,
-        2.9,
-        "Errors of networks over the angle, on a log axis, low except in a narrow peak where there "
-        f"is one. The largest, in degrees: {worst}.",
-        "",
+    return chart(
+        {name: _envelope(theta, gap) for name, gap in errors.items()},
+        **ANGLE_AXIS,
+        legend={"loc": "upper center", "frameon": False},
+        size=(7.0, 2.9),
+        alt="Errors of networks over the angle, on a log axis, low except in a narrow peak where "
+        f"there is one. The largest, in degrees: {worst}.",
     )
-    axes = figure.subplots()
-    for (name, gap), colour, style in zip(errors.items(), COLOURS, STYLES, strict=False):
-        axes.semilogy(*_envelope(theta, gap), color=colour, ls=style, label=name)
-    _angle_axis(axes)
-    axes.legend(fontsize=9, frameon=False, loc="upper center")
-    return figure
 
 
 def slices(n: int) -> np.ndarray:
@@ -117,7 +118,6 @@ def discs(errors: Mapping[str, np.ndarray], planes: int = 3) -> Picture:
         2.75 * rows if planes == 3 else 2.5,
         "Discs cut through the ball of axis-angle vectors, coloured by the error of a network at "
         f"each rotation, dark where small, bright where large. {bands}.",
-        "",
     )
     panels = np.reshape(figure.subplots(rows, columns), -1)
     shown = [(name, plane) for name in errors for plane in range(planes)]
@@ -151,7 +151,6 @@ def walks(turn: np.ndarray, along: Mapping[str, np.ndarray]) -> Picture:
         "One panel each for " + ", ".join(along) + ". Each curve is a full turn about another "
         "axis. It changes over steeply, once or more often, between a height and its opposite, and "
         "ends at the opposite of where it began. Rings mark the passages through zero.",
-        "",
     )
     panels = figure.subplots(1, len(along), sharey=True)
     for axes, (name, inner) in zip(np.atleast_1d(panels), along.items(), strict=True):
@@ -176,12 +175,3 @@ def _envelope(theta: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """Middle, in degrees, and largest error of each 8 neighbours: the peaks without the noise."""
     middle = np.degrees(theta[:-1].reshape(-1, 8).mean(1))
     return middle, np.maximum(gap[:-1].reshape(-1, 8).max(1), 1e-2)
-
-
-def _angle_axis(axes: Axes) -> None:
-    axes.set(
-        xlabel=r"angle $\theta$, degrees", ylabel="largest error nearby, degrees", ylim=(1e-2, 400)
-    )
-    axes.set(xticks=np.arange(-180, 181, 90), yticks=[0.01, 0.1, 1, 10, 180])
-    axes.set_yticklabels(["0.01", "0.1", "1", "10", "180"])
-    axes.minorticks_off()

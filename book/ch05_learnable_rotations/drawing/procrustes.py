@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
 from posecore import rotations
-from posecore.figures import Picture
-from posecore.figures.style import AXIS_COLOURS, COLOURS, HALO, INK, MARKERS, new_picture
+from posecore.figures import Picture, chart
+from posecore.figures.style import AXIS_COLOURS, COLOURS, HALO, INK, new_picture
 
 __all__ = ["autograd_fails", "gram_schmidt", "on_a_line", "screws", "shaken"]
 
@@ -27,7 +27,6 @@ def gram_schmidt(a: np.ndarray, b: np.ndarray) -> Picture:
         f"{np.degrees(np.arccos(cosine)):.0f} degrees apart. Second: a1 shortened to the unit "
         "vector b1, and from a2 its part along b1 taken away; what is left, at right angles to b1, "
         "shortened to b2. Third: b3 stands on both, and the three are the axes of a frame.",
-        "",
     )
     panels = figure.subplots(1, 3)
     titles = ("six numbers, two vectors", "shorten; take away", "the third follows")
@@ -51,21 +50,22 @@ def gram_schmidt(a: np.ndarray, b: np.ndarray) -> Picture:
 
 def on_a_line(trace: np.ndarray, squared: np.ndarray, best: tuple[float, float]) -> Picture:
     """Squared distances from M of many rotations over tr(R^T M), and the nearest rotation."""
-    figure = new_picture(
-        5.6,
-        3.4,
-        f"{len(trace)} random rotations as dots: the larger the trace of R transposed times M, the "
-        "smaller the squared distance to M, all on one falling line. A ring at the line's lower "
-        f"end, at trace {best[0]:.2f} and distance {best[1]:.2f}, is the answer of the formula; no "
-        "dot lies beyond it.",
-        "",
+    return chart(
+        {},
+        marks={"random rotations": (trace, squared), "$U D V^T$": ([best[0]], [best[1]])},
+        looks={
+            "random rotations": {"marker": ".", "ms": 3},
+            "$U D V^T$": {"marker": "o", "ms": 11, "mfc": "none", "mew": 2.4},
+        },
+        xlabel=r"tr$(R^T M)$",
+        ylabel=r"$\|R - M\|_F^2$",
+        legend={"frameon": False},
+        size=(5.6, 3.4),
+        alt=f"{len(trace)} random rotations as dots: the larger the trace of R transposed times M, "
+        "the smaller the squared distance to M, all on one falling line. A ring at the line's "
+        f"lower end, at trace {best[0]:.2f} and distance {best[1]:.2f}, is the answer of the "
+        "formula; no dot lies beyond it.",
     )
-    axes = figure.subplots()
-    axes.plot(trace, squared, ".", color=COLOURS[0], ms=3, label="random rotations")
-    axes.plot(*best, "o", color=COLOURS[1], ms=11, mfc="none", mew=2.4, label="$U D V^T$")
-    axes.set(xlabel=r"tr$(R^T M)$", ylabel=r"$\|R - M\|_F^2$")
-    axes.legend(frameon=False)
-    return figure
 
 
 def screws(raw: np.ndarray, mended: np.ndarray) -> Picture:
@@ -82,7 +82,6 @@ def screws(raw: np.ndarray, mended: np.ndarray) -> Picture:
         f"Two rows of {len(raw)} screws. In the upper row, made by U V transposed, {sum(left)} are "
         "left-handed, drawn in orange with a dashed rod: mirror images, which no turning makes of "
         "a right-handed screw. In the lower row, made with the sign mended, all are right-handed.",
-        "",
     )
     panels = figure.subplots(2, len(raw), squeeze=False)
     for row, matrices in zip(panels, (raw, mended), strict=True):
@@ -105,23 +104,26 @@ def autograd_fails(distance: np.ndarray, errors: Mapping[str, np.ndarray]) -> Pi
             f"{n} {f'{e[k]:.1g}' if e[k] < np.inf else 'NaN'}" for n, e in errors.items()
         )
 
-    figure = new_picture(
-        6.6,
-        3.4,
-        "Error of the gradient over the distance of M from a rotation, both axes logarithmic. "
+    looks = {name: {"color": c, "ls": "-"} for name, c in zip(errors, COLOURS[1::-1], strict=False)}
+    figure = chart(
+        errors,
+        x=distance,
+        markers=True,
+        looks=looks,
+        log="xy",
+        xlabel="distance of $M$ from a rotation",
+        ylabel="relative error of the gradient",
+        ylim=(1e-8, 1.5),
+        legend={"frameon": False},
+        size=(6.6, 3.4),
+        alt="Error of the gradient over the distance of M from a rotation, both axes logarithmic. "
         f"At {distance[0]:g}: {said(0)}. At {distance[1]:g}: {said(1)}. At {distance[-1]:g}: "
         f"{said(-1)}.",
-        "",
     )
-    axes = figure.subplots()
-    for (name, error), colour, marker in zip(errors.items(), COLOURS[1::-1], MARKERS, strict=False):
-        axes.loglog(distance, error, marker=marker, color=colour, label=name, ms=5)
+    for name, error in errors.items():
         for place in distance[np.isinf(error)]:
-            axes.text(place, 0.9, "NaN", color=colour, ha="center", va="top", fontsize=11)
-    axes.set(xlabel="distance of $M$ from a rotation", ylabel="relative error of the gradient")
-    axes.set(ylim=(1e-8, 1.5))
-    axes.legend(frameon=False)
-    axes.grid(alpha=0.3)
+            look = {"color": looks[name]["color"], "ha": "center", "va": "top", "fontsize": 11}
+            figure.axes[0].text(place, 0.9, "NaN", **look)
     return figure
 
 
@@ -153,7 +155,6 @@ def shaken(
         "stay together; those of the needle fan out about its long axis; those of the mirrored "
         f"ball fan out too. Median turn, {said}. Below: turns of random matrices over s2 + s3, on "
         "log axes; they keep under a falling line, the bound.",
-        "",
     )
     grid = figure.add_gridspec(2, 4, height_ratios=[1, 1.25])
     for k, (name, s) in enumerate(kinds.items()):

@@ -14,8 +14,8 @@ from data_tools.renderer import Ambient, Light, render_colour
 from data_tools.sensors import rgb_sensor
 from data_tools.worlds.tabletop_scenes import prepared
 from posecore import cameras
-from posecore.figures import Picture
-from posecore.figures.style import COLOURS, HALO, INK, MARKERS, STYLES, new_picture
+from posecore.figures import Picture, chart
+from posecore.figures.style import COLOURS, HALO, INK, new_picture
 
 __all__ = [
     "SAME_K",
@@ -44,30 +44,30 @@ SAME_K = np.array([[260.0, 0, 279.5], [0, 260.0, 74.5], [0, 0, 1]])
 def tails(errors: Mapping[str, np.ndarray]) -> Picture:
     """The whole distribution of errors in degrees: how many are larger, both axes logarithmic."""
     worst = ", ".join(f"{name} {gap.max():.3g}°" for name, gap in errors.items())
-    figure = new_picture(
-        7.2,
-        3.6,
-        "Curves of the share of rotations whose error is larger than what the axis below says. All "
-        "fall from left to right; where they end is the worst rotation of all: " + worst + ".",
-        "",
-    )
-    axes = figure.subplots()
+    curves, ends, looks = {}, {}, {}
     for number, (name, gap) in enumerate(errors.items()):
         gap = np.sort(gap)
         share = 1 - np.arange(len(gap)) / len(gap)
         # A line needs few of many thousand points, but all of the last.
-        keep = np.unique(np.geomspace(1, len(gap), 200).astype(int))
-        keep = len(gap) - keep[::-1]
-        axes.plot(gap[keep], share[keep], color=COLOURS[number], label=name,
-                  ls=STYLES[number % 4], lw=1.8 if number < 4 else 1.2)  # fmt: skip
-        axes.plot(gap[-1], share[-1], MARKERS[number % 4], color=COLOURS[number], ms=6)
-    axes.set(xscale="log", yscale="log", xlabel="error, degrees")
-    axes.set_ylabel("share of rotations with\na larger error")
-    axes.set_xticks([0.01, 0.1, 1, 10, 100], ["0.01", "0.1", "1", "10", "100"])
-    axes.set(xlim=(0.01, 200))
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=9, loc="lower left", ncols=2)
-    return figure
+        keep = len(gap) - np.unique(np.geomspace(1, len(gap), 200).astype(int))[::-1]
+        curves[name] = gap[keep], share[keep]
+        ends[f"_{name}"] = gap[-1:], share[-1:]
+        looks[name] = {"lw": 1.8 if number < 4 else 1.2}
+        looks[f"_{name}"] = {"color": COLOURS[number], "ms": 6}
+    return chart(
+        curves,
+        marks=ends,
+        looks=looks,
+        log="xy",
+        xlabel="error, degrees",
+        ylabel="share of rotations with\na larger error",
+        xlim=(0.01, 200),
+        xticks=[0.01, 0.1, 1, 10, 100],
+        legend={"loc": "lower left", "ncols": 2},
+        size=(7.2, 3.6),
+        alt="Curves of the share of rotations whose error is larger than what the axis below says. "
+        "All fall from left to right; where they end is the worst rotation of all: " + worst + ".",
+    )
 
 
 def table_iv(numbers: Mapping[Key, np.ndarray]) -> Picture:
@@ -89,7 +89,6 @@ def table_iv(numbers: Mapping[Key, np.ndarray]) -> Picture:
         3.1,
         "Mean and largest errors of the representations on a logarithmic axis, a dot for each "
         f"seed, crosses for the paper's. Mean and largest: {said or 'not measured yet'}.",
-        "",
     )
     axes = figure.subplots()
     for place, name in enumerate(names):
@@ -132,7 +131,6 @@ def same_rotation(R: np.ndarray, places: np.ndarray) -> Picture:
         f"{len(places)} teapots side by side in one wide picture. All have the same rotation in "
         "the camera's frame, and each shows another side of itself: the camera sees them from "
         "different directions.",
-        "",
     )
     axes = figure.subplots()
     axes.imshow(image)
@@ -151,7 +149,6 @@ def looks(images: np.ndarray, R: np.ndarray, columns: int = 6) -> Picture:
         1.45 * rows,
         f"{len(images)} small pictures of the teapot: cut out, turned, recoloured, before other "
         "backgrounds, some half hidden. Three axes drawn over each turn with the teapot.",
-        "",
     )
     panels = np.reshape(figure.subplots(rows, columns), -1)
     for axes, image, turned in zip(panels, images, R, strict=False):
@@ -185,7 +182,6 @@ def seen(tables: Mapping[str, Mapping[Key, np.ndarray]], names: Sequence[str]) -
         3.0,
         "Mean errors on the teapot, a mark for each seed, for the four representations, easy and "
         f"occluded. {said or 'Not measured yet'}.",
-        "",
     )
     panels = figure.subplots(1, len(tables), sharey=True)
     for axes, (kind, table) in zip(np.atleast_1d(panels), tables.items(), strict=True):
@@ -218,7 +214,6 @@ def crossed(tables: Mapping[str, Mapping[Key, np.ndarray]], splits: Mapping[str,
         2.9,
         "Tables of mean errors, representation by loss. "
         + " ".join(_best(title, table, splits.get(title, "")) for title, table in tables.items()),
-        "",
     )
     panels = figure.subplots(1, len(tables), sharey=True)
     for axes, (title, table) in zip(np.atleast_1d(panels), tables.items(), strict=True):

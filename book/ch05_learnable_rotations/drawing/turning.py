@@ -58,7 +58,6 @@ def question() -> Picture:
         "ninth stands as the first. Below, the numbers along the same full turn: those of the "
         "axis-angle vector and of the quaternion change smoothly and then jump to their "
         "opposites; those of the rotation matrix run on without a jump and end where they began.",
-        "",
     )
     rows = figure.subplots(4, 1, height_ratios=[1.2, 1, 1, 1], sharex=True)
     rows[0].set(aspect="equal", ylim=(-24, 24), title="a full turn, in eight equal steps")
@@ -98,7 +97,6 @@ def once_round(turn: int = 150, numbers: str = "quaternion", axis: str = "slante
         f"Left: a paper plane, turned by {turn} degrees about an axis that is {axis}. Right: its "
         f"{numbers} along the full turn, {title.split(': ')[1]}; a vertical line stands at {turn} "
         f"degrees, where they are {said}.",
-        "",
     )
     left, right = figure.subplots(1, 2, width_ratios=[1, 2.4])
     left.set(aspect="equal", xlim=(-1.5, 1.5), ylim=(-1.5, 1.5), title=f"turned by {turn}°")
@@ -123,7 +121,6 @@ def two_turns(turn: np.ndarray, q: np.ndarray, chosen: np.ndarray) -> Picture:
         "is a cosine and z a sine that need both turns for one period; after one turn both have "
         "changed their sign. Right, always with w at least 0: after one turn all is as at first, "
         "but z jumps from 1 to -1 at 180 and at 540 degrees.",
-        "",
     )
     titles = ("carried along: two turns for one period", "chosen, w at least 0: one turn, a jump")
     for axes, values, title in zip(figure.subplots(1, 2), (q, chosen), titles, strict=True):

@@ -7,21 +7,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from book.ch02_small_worlds.drawing.light import thin
 from book.ch08_vector_fields.drawing import fields as fields_of
 from book.ch08_vector_fields.drawing import voting as rays
-from posecore.figures import Picture, draw_axes, draw_box, draw_outline
+from posecore.figures import Picture, draw_axes, draw_box, draw_ellipse, draw_outline
+from posecore.figures.photographs import thin_lines
 from posecore.figures.style import COLOURS, HALO, INK, new_picture
 from posecore.models import ObjectModel
 
 __all__ = ["clouds", "learnt", "pose", "residuals", "seen", "shares", "windows"]
 
-crop, window, show_crop, field = (
-    getattr(fields_of, name) for name in ("crop", "window", "show_crop", "field")
-)
+window, field = fields_of.window, fields_of.field
+show_crop = fields_of.show_crop
 OUTLINES = tuple(zip((COLOURS[4], COLOURS[5], COLOURS[1]), ("-", "--", "-."), strict=True))
 Pose = tuple[np.ndarray, np.ndarray]
-Window = tuple[int, int, int, int]
 
 
 def windows(
@@ -42,7 +40,6 @@ def windows(
         f"{len(images)} square windows with objects in them, some turned or half covered, before "
         f"other backgrounds; outlines mark the objects: {said}. Below each, the same objects "
         "coloured by direction to one of their keypoints, with arrows; the rest is white.",
-        "",
     )
     panels = figure.subplots(2, len(images), squeeze=False)
     high, wide = labels.shape[1:]
@@ -50,7 +47,7 @@ def windows(
     for column, image, label, wanted in zip(panels.T, images, labels, vectors, strict=True):
         show_crop(column[0], np.uint8(255 * image.clip(0, 1)), box)
         outlines(column[0], label, names)
-        thin(column[0], 1.6)
+        thin_lines(column[0], 1.6)
         field(column[1], label > 0, wanted, box)
     keys = [
         Line2D([], [], color=colour, ls=style, label=name)
@@ -93,14 +90,13 @@ def learnt(
         "Above, a teapot with the outline of what a network takes for it; below, its pixels "
         f"coloured by the direction that the network says, {', '.join(ends)}, with arrows. The "
         f"last column is the truth. {said}.",
-        "",
     )
     panels = figure.subplots(1 + len(ends), len(stages))
     box = window(mask, np.argwhere(mask)[:1, ::-1], 0.15)
     for column, (title, (found, vectors)) in zip(panels.T, stages.items(), strict=True):
         show_crop(column[0], rgb, box)
         draw_outline(column[0], found, colour=COLOURS[1])
-        thin(column[0])
+        thin_lines(column[0])
         column[0].set_title(title, fontsize=10)
         for n, axes in enumerate(column[1:]):
             field(axes, mask, vectors[:, :, n], box)
@@ -133,12 +129,11 @@ def seen(
         "A table with things on it. Outlines mark what the network takes for its objects: "
         f"{', '.join(found) or 'nothing'}. Beside it the pixels of the teapot, coloured by the "
         "direction that the network says, with arrows, and a ring at the keypoint.",
-        "",
     )
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1))
     show_crop(left, rgb, (0, 0, rgb.shape[1], rgb.shape[0]))
     outlines(left, label, names)
-    thin(left, 1.6)
+    thin_lines(left, 1.6)
     if found:
         left.legend(fontsize=8, loc="lower left")
     field(right, mask, vectors, window(mask, x, 0.1))
@@ -174,7 +169,6 @@ def clouds(
         4.6,
         f"An object with {len(x)} clouds of little dots, each within an ellipse, a cross at its "
         f"middle and a ring at the true keypoint. Distance and longest deviation: {said}.",
-        "",
     )
     axes = figure.subplots()
     box = window(_largest(mask), x, 0.22)
@@ -183,7 +177,7 @@ def clouds(
     for k, cloud in enumerate(hypotheses):
         point, covariance = points[k], covariances[k]
         axes.plot(*cloud.T, ".", color=COLOURS[0], ms=4, antialiased=False)
-        rays.draw_ellipse(axes, point, covariance)
+        draw_ellipse(axes, point, covariance)
         axes.plot(*x[k], **(rays.TRUTH | {"ms": 9}))
         axes.plot(*point, **(rays.POINTS["RANSAC"] | {"ms": 9}))
         away = x[k] - x.mean(0)
@@ -205,14 +199,14 @@ def pose(
         found: of each object its model and pose.
         said: what is to be seen, for the alt text.
     """
-    figure = new_picture(5.4, 4.05, f"A table with things on it, with boxes and axes. {said}", "")
+    figure = new_picture(5.4, 4.05, f"A table with things on it, with boxes and axes. {said}")
     axes = figure.subplots()
     show_crop(axes, rgb, (0, 0, rgb.shape[1], rgb.shape[0]))
     for model, (R, t) in found:
         low, high = model.points.min(0), model.points.max(0)
         draw_box(axes, K, R, t, high - low, centre=(low + high) / 2)
         draw_axes(axes, K, R, t, 0.4 * model.diameter)
-    thin(axes)
+    thin_lines(axes)
     return figure
 
 
@@ -244,14 +238,13 @@ def residuals(
         "arrows, of the field and of the pose, which point at a ring and at a square not far "
         "from it. Right: their differences, which are alike among neighbours; half of all are "
         f"longer than {np.median(size) if size.size else 0:.2f}, and they are drawn twice as long.",
-        "",
     )
     left, middle, right = figure.subplots(1, 3)
     box = window(_largest(mask), np.concatenate([pixels, ends]), 0.06)
     for axes in (left, middle, right):
         show_crop(axes, rgb, box, pale=0.3 if axes is left else 0.7)
         draw_outline(axes, mask, colour="0.4", style="--")
-        thin(axes)
+        thin_lines(axes)
     look = {"mec": INK, "mew": 0.5, "ls": "none", "antialiased": False}
     left.plot(*pixels[inside].T, "o", color=COLOURS[4], ms=3.5, label="in the mask", **look)
     left.plot(*pixels[~inside].T, "X", color=COLOURS[1], ms=6, label="outside", **look)
@@ -297,7 +290,6 @@ def shares(
         3.4,
         "Pictures of objects, each with its mask shaded and the points of its model over it, dots "
         f"in the mask and crosses outside. {said}.",
-        "",
     )
     panels = np.atleast_1d(figure.subplots(1, len(cases)))
     for axes, (title, (rgb, mask, pixels, inside)) in zip(panels, cases.items(), strict=True):

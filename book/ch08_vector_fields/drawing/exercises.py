@@ -3,10 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.patches import Ellipse
 
-from posecore.figures import Picture, draw_keypoints, picture, picture_grid
+from posecore.figures import Picture, chart, draw_ellipse, draw_keypoints, picture, picture_grid
 from posecore.figures.style import COLOURS, HALO, INK, STYLES, new_picture
 
 __all__ = [
@@ -31,7 +29,6 @@ def rays(cases: Mapping[str, np.ndarray], met: np.ndarray) -> Picture:
         2.6,
         f"{len(cases)} pairs of rays, each from a dot. They meet in: {', '.join(where)}. "
         "In the others nothing is marked.",
-        "",
     )
     panels = figure.subplots(1, len(cases), sharex=True, sharey=True)
     for axes, (title, (p, u, q, v)), point in zip(panels, cases.items(), met, strict=True):
@@ -53,21 +50,22 @@ def crossings(angle: np.ndarray, off: np.ndarray) -> Picture:
     """How far crossings (N,) are off, in pixels, over the angle of their rays, in degrees."""
     order = np.argsort(angle)
     tenths = np.array_split(order, 10)
-    figure = new_picture(
-        6.2,
-        3.6,
-        "Error of a crossing over the angle between its rays, both on log axes. The cloud falls "
-        f"from a median of {np.median(off[tenths[0]]):.0f} px for the smallest angles to "
-        f"{np.median(off[tenths[-1]]):.1f} px for the largest.",
-        "",
-    )
-    axes = figure.subplots()
-    axes.loglog(angle, off, ".", color="0.7", ms=2, label="a crossing")
     middle = [np.median(angle[some]) for some in tenths], [np.median(off[some]) for some in tenths]
-    axes.loglog(*middle, "o-", color=COLOURS[0], label="median of a tenth of them")
-    axes.set(xlabel="angle between the rays, degrees", ylabel="error, px")
-    axes.legend(fontsize=9)
-    return figure
+    return chart(
+        {"median of a tenth of them": middle},
+        marks={"a crossing": (angle, off)},
+        looks={
+            "median of a tenth of them": {"marker": "o", "zorder": 3},
+            "a crossing": {"marker": ".", "color": "0.7", "ms": 2},
+        },
+        log="xy",
+        xlabel="angle between the rays, degrees",
+        ylabel="error, px",
+        size=(6.2, 3.6),
+        alt="Error of a crossing over the angle between its rays, both on log axes. The cloud "
+        f"falls from a median of {np.median(off[tenths[0]]):.0f} px for the smallest angles to "
+        f"{np.median(off[tenths[-1]]):.1f} px for the largest.",
+    )
 
 
 def votes(photo: np.ndarray, points: np.ndarray, counts: np.ndarray, winner: np.ndarray) -> Picture:
@@ -91,13 +89,16 @@ def votes(photo: np.ndarray, points: np.ndarray, counts: np.ndarray, winner: np.
 
 def losses(degrees: np.ndarray, curves: Mapping[str, np.ndarray], alt: str) -> Picture:
     """Losses (N,) over the angle of a predicted vector."""
-    figure = new_picture(6.2, 3.4, alt, "")
-    axes = figure.subplots()
-    for (name, values), colour, style in zip(curves.items(), COLOURS, STYLES, strict=False):
-        axes.plot(degrees, values, style, color=colour, lw=2, label=name)
-    axes.set(xlabel="predicted vector, degrees off", ylabel="loss", ylim=(0, None))
-    axes.legend(fontsize=9, loc="lower center", bbox_to_anchor=(0.5, 1), ncols=3, frameon=False)
-    return figure
+    return chart(
+        curves,
+        x=degrees,
+        xlabel="predicted vector, degrees off",
+        ylabel="loss",
+        ylim=(0, None),
+        legend={"loc": "lower center", "bbox_to_anchor": (0.5, 1), "ncols": 3, "frameon": False},
+        size=(6.2, 3.4),
+        alt=alt,
+    )
 
 
 def hypotheses(
@@ -113,20 +114,10 @@ def hypotheses(
     axes = figure.axes[0]
     for points, (mean, covariance), colour in zip(clouds, found, COLOURS[1:], strict=False):
         axes.plot(*points.T, ".", color=colour, ms=3, zorder=2)
-        _ellipse(axes, mean, covariance)
+        draw_ellipse(axes, mean, covariance, colour=INK, rim=True)
+        axes.plot(*mean, "+", color=INK, ms=9, mew=2, zorder=4, path_effects=HALO)
     axes.set(xlim=(-0.5, photo.shape[1] - 0.5), ylim=(photo.shape[0] - 0.5, -0.5))
     return figure
-
-
-def _ellipse(axes: Axes, mean: np.ndarray, covariance: np.ndarray) -> None:
-    """Of two standard deviations, so 86 % of a normal distribution are inside."""
-    variances, directions = np.linalg.eigh(covariance)
-    angle = np.degrees(np.arctan2(*directions[::-1, 1]))
-    long, short = 4 * np.sqrt(variances.clip(0)[::-1])
-    ring = Ellipse(mean, long, short, angle=angle, fill=False, ec=INK, lw=1.6, zorder=3)
-    ring.set_path_effects(HALO)
-    axes.add_patch(ring)
-    axes.plot(*mean, "+", color=INK, ms=9, mew=2, zorder=4, path_effects=HALO)
 
 
 def overlaps(
@@ -161,20 +152,19 @@ def overlaps(
 
 def spreads(share: np.ndarray, curves: Mapping[str, np.ndarray], threshold: float) -> Picture:
     """Overlaps over the hidden share of the object, and the threshold of the rule."""
-    figure = new_picture(
-        6.2,
-        3.4,
-        "Overlap over the hidden share of the object. "
+    figure = chart(
+        curves,
+        x=share,
+        level={"_threshold": threshold},
+        xlabel="hidden share of the object",
+        ylabel="overlap",
+        ylim=(0, 1.08),
+        legend="lower left",
+        size=(6.2, 3.4),
+        alt="Overlap over the hidden share of the object. "
         + " ".join(f"{name}: from {ys[0]:.2f} to {ys[-1]:.2f}." for name, ys in curves.items()),
-        "",
     )
-    axes = figure.subplots()
-    for (name, values), colour, style in zip(curves.items(), COLOURS, STYLES, strict=False):
-        axes.plot(share, values, style, color=colour, lw=2, label=name)
-    axes.axhline(threshold, color="0.5", lw=1)
-    axes.text(1, threshold + 0.02, "refine above", ha="right", color="0.3")
-    axes.set(xlabel="hidden share of the object", ylabel="overlap", ylim=(0, 1.08))
-    axes.legend(fontsize=9, loc="lower left")
+    figure.axes[0].text(1, threshold + 0.02, "refine above", ha="right", color="0.3")
     return figure
 
 
@@ -199,7 +189,7 @@ def errors(found: Mapping[str, np.ndarray]) -> Picture:
     """The share of test poses below an ADD-S, in diameters; grey is what is asked for."""
     good = {name: (values < 0.1).mean() for name, values in found.items()}
     said = ", ".join(f"{share:.0%} with {name}" for name, share in good.items())
-    figure = new_picture(6.4, 3.5, f"Share of poses over ADD-S. Below 0.1 diameters: {said}.", "")
+    figure = new_picture(6.4, 3.5, f"Share of poses over ADD-S. Below 0.1 diameters: {said}.")
     axes = figure.subplots()
     axes.fill_between([0.005, 0.1], 0.95, 1.02, color="0.75", label="expected: to pass here")
     for (name, values), colour, style in zip(found.items(), COLOURS, STYLES, strict=False):
@@ -214,21 +204,17 @@ def errors(found: Mapping[str, np.ndarray]) -> Picture:
 
 def angles(degrees: np.ndarray, curves: Mapping[str, np.ndarray]) -> Picture:
     """How far answers turn in one step of a walk, degrees, over where the axis points."""
-    figure = new_picture(
-        6.4,
-        3.4,
-        "Steps of the answers over the lean of an object that moves by 2 degrees a step. "
+    return chart(
+        curves,
+        x=degrees,
+        log="y",
+        xlabel="lean of the object, degrees",
+        ylabel="step of the answer, degrees",
+        ylim=(1.5, 200),
+        yticks=[2, 5, 10, 20, 50, 100, 180],
+        size=(6.4, 3.4),
+        alt="Steps of the answers over the lean of an object that moves by 2 degrees a step. "
         + " ".join(
             f"{name}: at most {values.max():.0f} degrees." for name, values in curves.items()
         ),
-        "",
     )
-    axes = figure.subplots()
-    for (name, values), colour, style in zip(curves.items(), COLOURS, STYLES, strict=False):
-        axes.semilogy(degrees, values, style, color=colour, lw=2, label=name)
-    axes.set(xlabel="lean of the object, degrees", ylabel="step of the answer, degrees")
-    axes.set_yticks([2, 5, 10, 20, 50, 100, 180], labels=[2, 5, 10, 20, 50, 100, 180])
-    axes.minorticks_off()
-    axes.set_ylim(1.5, 200)
-    axes.legend(fontsize=9)
-    return figure

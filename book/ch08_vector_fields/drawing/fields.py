@@ -1,13 +1,14 @@
 """The figures of chapter 8 on the field as a picture, and on things that stand before others."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from book.ch02_small_worlds.drawing.light import quiet
 from data_tools.views import View
-from posecore.figures import Picture, draw_keypoints, draw_outline
+from posecore.figures import Picture, draw_keypoints, draw_outline, photographs
+from posecore.figures.photographs import Window, bare, crop, window_around, without_grain
 from posecore.figures.style import COLOURS, HALO, INK, new_picture
 
 __all__ = [
@@ -22,36 +23,11 @@ __all__ = [
     "window",
 ]
 
-Window = tuple[int, int, int, int]
+window = window_around
+show_crop = partial(photographs.show_crop, grain=False)
 # Colours of right, down, left and up: bright above, dark below, and no red against green.
 STEPS = 12  # colours in a quarter turn; more would only make the files larger
 WHEEL = np.array([[213, 94, 0], [32, 24, 96], [86, 180, 233], [250, 240, 130]]) / 255
-
-
-def window(mask: np.ndarray, points: np.ndarray, margin: float = 0.12) -> Window:
-    """A window around a mask and points (..., 2): its first pixel (x, y) and the first beyond."""
-    rows, columns = np.nonzero(mask)
-    both = np.concatenate([np.stack([columns, rows], -1), np.reshape(points, (-1, 2))])
-    low, high = both.min(0), both.max(0)
-    room = max(margin * (high - low).max(), 3)
-    x0, y0 = np.floor((low - room).clip(0)).astype(int)
-    x1, y1 = np.ceil((high + room + 1).clip(0, mask.shape[::-1])).astype(int)
-    return int(x0), int(y0), int(x1), int(y1)
-
-
-def crop(image: np.ndarray, box: Window) -> np.ndarray:
-    """The part of an image (H, W, ...) in a window."""
-    return image[box[1] : box[3], box[0] : box[2]]
-
-
-def show_crop(axes: Axes, rgb: np.ndarray, box: Window, pale: float = 0.0) -> None:
-    """A part of a photograph, with the coordinates of the whole; `pale` mixes white into it."""
-    part = quiet([np.ascontiguousarray(crop(rgb, box))], 40)[0]
-    part = np.uint8(part * (1 - pale) + 255 * pale)
-    extent = (box[0] - 0.5, box[2] - 0.5, box[3] - 0.5, box[1] - 0.5)
-    axes.imshow(part, extent=extent, interpolation="nearest")
-    axes.set_autoscale_on(False)
-    axes.axis("off")
 
 
 def question(view: View, mask: np.ndarray, full: np.ndarray, x: np.ndarray) -> Picture:
@@ -62,7 +38,6 @@ def question(view: View, mask: np.ndarray, full: np.ndarray, x: np.ndarray) -> P
         "A crowd of things on a table. A teapot lies behind a can and an egg box, and its spout "
         "cannot be seen. From a dozen places on what is seen of it, arrows point the same way, at "
         "a question mark on the can.",
-        "",
     )
     axes = figure.subplots()
     box = window(full, x, 0.25)
@@ -93,7 +68,6 @@ def keypoints(
         f"{len(views)} pictures of the same teapot, turned differently, with "
         f"{len(x[0])} numbered points: 0 at the tip of the spout, 1 at the handle, others "
         f"around belly and foot, {len(x[0]) - 1} in the middle.",
-        "",
     )
     for axes, view, mask, pixels in zip(
         np.atleast_1d(figure.subplots(1, len(views))), views, masks, x, strict=True
@@ -123,7 +97,6 @@ def fields(
         "with arrows: yellow is up, orange right, dark blue down, light blue left. For a keypoint "
         "at the rim all colours are alike; around one in the middle all colours meet, and all "
         "arrows point at it.",
-        "",
     )
     panels = figure.subplots(2 if len(chosen) > 1 else 1, 2).ravel()
     box = window(mask, x, 0.08)
@@ -146,9 +119,7 @@ def field(axes: Axes, mask: np.ndarray, vectors: np.ndarray, box: Window) -> Non
     extent = (box[0] - 0.5, box[2] - 0.5, box[3] - 0.5, box[1] - 0.5)
     axes.imshow(colours, extent=extent, interpolation="nearest")
     axes.set_autoscale_on(False)
-    axes.set(xticks=[], yticks=[])
-    for spine in axes.spines.values():
-        spine.set_color("0.7")
+    bare(axes)
     step = max((box[2] - box[0]) // 15, 2)
     rows, columns = np.mgrid[box[1] + step // 2 : box[3] : step, box[0] + step // 2 : box[2] : step]
     rows, columns = (part[mask[rows, columns]] for part in (rows, columns))
@@ -178,7 +149,6 @@ def hidden(
         f"dashed, and a ring marks keypoint {k}, the tip of the spout, which the can hides. Right: "
         "the pixels that are seen, coloured by direction, with arrows and a few rays; all meet in "
         "the ring.",
-        "",
     )
     left, right = figure.subplots(1, 2)
     box = window(full, x, 0.2)
@@ -220,15 +190,15 @@ def patches(
         f"Small windows around each of {count} keypoints, one row for each picture. In the first "
         "row parts of the teapot: spout, handle, lid. In the second, windows of covered keypoints, "
         f"with dashed frames, show an egg box or a can in their place. {said}.",
-        "",
     )
     panels = figure.subplots(len(views), count)
     for number, (row, (title, view)) in enumerate(zip(panels, views.items(), strict=True)):
         half = max(view.shape[0] // 16, 2)
         wide = np.pad(view.rgb, ((half, half), (half, half), (0, 0)), mode="edge")
         corners = np.round(x[title]).astype(int)
+        wide = without_grain(wide)
         parts = [wide[b : b + 2 * half + 1, a : a + 2 * half + 1] for a, b in corners]
-        for k, (axes, part) in enumerate(zip(row, quiet(parts, 40), strict=True)):
+        for k, (axes, part) in enumerate(zip(row, parts, strict=True)):
             axes.imshow(part, interpolation="nearest")
             axes.plot(half, half, "+", color="white", ms=9, mew=1.6, path_effects=HALO)
             axes.set(xticks=[], yticks=[])

@@ -7,7 +7,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
-from posecore.figures import Picture
+from posecore.figures import Picture, chart
 from posecore.figures.style import COLOURS, HALO, INK, STYLES, new_picture
 
 __all__ = ["angles", "one_angle", "planes", "projection", "schedule", "small_fields"]
@@ -31,7 +31,6 @@ def one_angle(distance: np.ndarray, degrees: float, miss: np.ndarray) -> Picture
         1.9,
         f"{len(distance)} pixels on a line with one keypoint. From each a ray starts "
         f"{degrees:g} degrees too high and passes above the keypoint: {said}.",
-        "",
     )
     axes = figure.subplots()
     axes.axhline(0, color="0.75", lw=1)
@@ -67,7 +66,6 @@ def projection(p: np.ndarray, g: np.ndarray) -> Picture:
         "line is dashed. At right angles to p stands its normal n. A thick segment d leads from "
         "the line to the keypoint. On the right p points the other way; its line and d are the "
         "same.",
-        "",
     )
     panels = figure.subplots(1, 2)
     titles = ("the distance that Eq. 1 punishes", "reversed: the same line, the same distance")
@@ -104,7 +102,7 @@ def planes(
             (n, n, 2).
         alt: what is seen.
     """
-    figure = new_picture(3.9 * len(landscapes), 3.2, alt, "")
+    figure = new_picture(3.9 * len(landscapes), 3.2, alt)
     panels = figure.subplots(1, len(landscapes), squeeze=False)[0]
     some = np.arange(len(x) // 20, len(x), len(x) // 10)
     for axes, (name, (height, downhill)) in zip(panels, landscapes.items(), strict=True):
@@ -135,27 +133,24 @@ def angles(degrees: np.ndarray, curves: Mapping[str, np.ndarray]) -> Picture:
     """
     at = int(np.abs(degrees - 1).argmin())
     said = "; ".join(f"{name} {curve[at]:.3g}" for name, curve in curves.items())
-    figure = new_picture(
-        6.8,
-        3.8,
-        f"Gradient over angle, from {degrees[0]:g} to {degrees[-1]:g} degrees. At one degree: "
+    looks = [("-", 5.0), ("--", 2.0), ("-", 2.0), ("-.", 2.0), (":", 2.4)]
+    looks = zip(curves, looks, ("0.7", *COLOURS), strict=False)
+    return chart(
+        curves,
+        x=degrees,
+        upright={"_one degree": 1},
+        looks={name: {"color": c, "ls": ls, "lw": lw} for name, (ls, lw), c in looks},
+        log="xy",
+        xlabel="angle between $p$ and $g$, degrees",
+        ylabel="length of the gradient",
+        xticks=[0.01, 0.1, 1, 10, 60],
+        legend={"frameon": False, "loc": "center left", "bbox_to_anchor": (1.0, 0.5)},
+        size=(6.8, 3.8),
+        alt=f"Gradient over angle, from {degrees[0]:g} to {degrees[-1]:g} degrees. At one degree: "
         f"{said}. The first two fall together, in proportion to the angle. Those in pixels lie "
         "far above, flat at large angles and falling with the same slope at small ones; the "
         "farther the keypoint, the longer they stay flat.",
-        "",
     )
-    axes = figure.subplots()
-    looks = [("-", 5.0), ("--", 2.0), ("-", 2.0), ("-.", 2.0), (":", 2.4)]
-    colours = ("0.7", *COLOURS)
-    for (name, curve), (style, lw), colour in zip(curves.items(), looks, colours, strict=False):
-        axes.loglog(degrees, curve, color=colour, ls=style, lw=lw, label=name)
-    axes.axvline(1, color="0.6", lw=0.8)
-    axes.set(xlabel="angle between $p$ and $g$, degrees", ylabel="length of the gradient")
-    axes.set_xticks([0.01, 0.1, 1, 10, 60], ["0.01", "0.1", "1", "10", "60"])
-    axes.set_xticks([], minor=True)
-    axes.grid(alpha=0.25)
-    axes.legend(fontsize=9, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return figure
 
 
 def schedule(beta: np.ndarray, rate: np.ndarray) -> Picture:
@@ -169,7 +164,6 @@ def schedule(beta: np.ndarray, rate: np.ndarray) -> Picture:
         f"epochs. Right, on a logarithmic axis: the rate, dashed, halves every 20 epochs and ends "
         f"at 1/{rate[0] / rate[-1]:.0f} of its first value; weight times rate, solid, ends at "
         f"1/{product[0] / product[-1]:.0f}.",
-        "",
     )
     left, right = figure.subplots(1, 2)
     left.step(epoch, beta, where="post", color=COLOURS[0], lw=2)
@@ -204,7 +198,6 @@ def small_fields(
         2.6,
         "Round objects full of arrows, one for each training. Blue arrows point to the keypoint, "
         f"a black dot; orange ones with a dot at their tail point away from it. {said}.",
-        "",
     )
     panels = figure.subplots(1, len(vectors), squeeze=False)[0]
     turn = np.linspace(0, 2 * np.pi, 100)

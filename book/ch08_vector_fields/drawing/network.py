@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from book.ch02_small_worlds.drawing.light import quiet
 from posecore.figures import Picture, picture
 from posecore.figures.style import COLOURS, HALO, INK, new_picture
 
@@ -26,7 +25,6 @@ def hourglass(maps: Mapping[str, tuple[int, int, int]], skips: Mapping[str, str]
         3.4,
         "A row of boxes that grow lower and wider to the middle and higher and narrower again, "
         f"with arcs from the left half to the right. Channels and size: {said}.",
-        "",
     )
     axes = figure.subplots()
     tallest = max(h for _, h, _ in maps.values())
@@ -60,7 +58,6 @@ def dilation() -> Picture:
         "kept neighbours in a square are the taps of a 3x3. Middle, all pixels are kept, and the "
         "nine taps are the same pixels, with one pixel between them. Right, the same nine taps "
         "moved by one pixel: an output that the stride would have skipped.",
-        "",
     )
     titles = ("stride 2, then 3x3", "no stride, 3x3 dilated by 2", "... and one pixel on")
     for axes, title, kept, shift in zip(
@@ -84,7 +81,7 @@ def seen_squares(
     said = "; ".join(f"{n}: {a}" + (f", {b} undilated" * (a != b)) for n, (a, b) in sides.items())
     height, width = image.shape[:2]
     figure = picture(
-        quiet([image], 40)[0],
+        image,
         width=5.6,
         alt="A frame with things on a table. Squares around one pixel show what reaches it, side "
         f"in pixels after each stage. {said}. The largest goes far beyond the frame.",

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.patches import Ellipse
 
 from book.ch08_vector_fields.drawing import fields as fields_of
 from data_tools.views import View
-from posecore.figures import Picture, draw_outline
+from posecore.figures import Picture, chart, draw_ellipse, draw_outline
+from posecore.figures.photographs import Window, bare, crop
 from posecore.figures.style import COLOURS, HALO, INK, new_picture
 
 __all__ = [
@@ -31,8 +31,8 @@ __all__ = [
 
 field, fields, hidden = fields_of.field, fields_of.fields, fields_of.hidden
 keypoints, patches, question = fields_of.keypoints, fields_of.patches, fields_of.question
-crop, window, show_crop = fields_of.crop, fields_of.window, fields_of.show_crop
-Window = tuple[int, int, int, int]
+window = fields_of.window
+show_crop = fields_of.show_crop
 TRUTH = {"marker": "o", "ms": 13, "mfc": "none", "mec": INK, "mew": 1.8, "ls": "none"}
 POINTS = {  # a marker for each way to find a point, whatever comes after a comma in its name
     "least squares": {"marker": "D", "color": COLOURS[1], "ms": 9, "mec": "white"},
@@ -51,7 +51,6 @@ def two_pixels(
         f"A teapot cut out of a picture of a table. From two of its pixels, at {said}, one on top "
         "and one at the foot, arrows start towards the tip of the spout. Dashed, they go on and "
         f"cross at ({x[0]:.1f}, {x[1]:.1f}), at the tip.",
-        "",
     )
     axes = figure.subplots()
     box = window(mask, x)
@@ -76,23 +75,23 @@ def two_pixels(
 def errors_of_crossings(angle: np.ndarray, measured: np.ndarray, formula: np.ndarray) -> Picture:
     """How far crossings of noisy rays are off over the angle between the two rays, degrees."""
     low = int(measured.argmin())
-    figure = new_picture(
-        6.0,
-        3.2,
-        "Error of a crossing over the angle between its two rays, "
+    return chart(
+        {"formula": formula},
+        x=angle,
+        marks={"measured": (angle, measured)},
+        looks={"formula": {"color": COLOURS[1], "lw": 1.5}, "measured": {"color": COLOURS[0]}},
+        xlabel="angle between the two rays, degrees",
+        ylabel="error of the crossing, px",
+        xlim=(0, 180),
+        ylim=(0, None),
+        xticks=range(0, 181, 30),
+        legend={"frameon": False},
+        size=(6.0, 3.2),
+        alt="Error of a crossing over the angle between its two rays, "
         f"{measured[0]:.1f} pixels at {angle[0]:.0f} degrees, {measured[low]:.1f} at "
         f"{angle[low]:.0f} and {measured[-1]:.1f} at {angle[-1]:.0f}. Points measured, and a line, "
         "the formula, which agree.",
-        "",
     )
-    axes = figure.subplots()
-    axes.plot(angle, formula, color=COLOURS[1], label="formula")
-    axes.plot(angle, measured, "o", color=COLOURS[0], ms=5, label="measured")
-    axes.set(xlabel="angle between the two rays, degrees", ylabel="error of the crossing, px")
-    axes.set(xticks=range(0, 181, 30), xlim=(0, 180), ylim=(0, None))
-    axes.legend(frameon=False)
-    axes.grid(alpha=0.3)
-    return figure
 
 
 def rays(
@@ -120,7 +119,6 @@ def rays(
         4.9 * len(cases) if len(cases) > 1 else 6.4,
         3.9 if len(cases) > 1 else 4.3,
         f"Rays from pixels of a teapot's silhouette towards the tip of its spout. {said}.",
-        "",
     )
     box = window(mask, x, 0.22)
     panels = np.atleast_1d(figure.subplots(1, len(cases)))
@@ -171,7 +169,6 @@ def scores(
         f"{score.max()} rays, {off:.1f} pixels from the truth. On the right, "
         f"{int(inside.sum())} of {len(tried)} crossings of two rays as dots; many lie in the "
         "bright spot.",
-        "",
     )
     panels = figure.subplots(1, 2)
     extent = (box[0] - 0.5, box[2] - 0.5, box[3] - 0.5, box[1] - 0.5)
@@ -218,7 +215,6 @@ def ellipses(
         "A teapot's silhouette with clouds of hypotheses and their ellipses of two standard "
         "deviations. They grow with the noise from left to right, and are longer for the far "
         f"keypoint, along the direction to the teapot. Longest standard deviation, {said}.",
-        "",
     )
     panels = figure.subplots(high, wide, squeeze=False)
     box = window(mask, np.array(list(truth.values())), 0.16)
@@ -259,7 +255,6 @@ def found(
         "places. Crosses lie in or beside their rings, "
         + ", ".join(f"{k} {value:.1f} px" for k, value in enumerate(off))
         + ". The ellipses of those far from what is seen are the longest.",
-        "",
     )
     axes = figure.subplots()
     box = window(full, x, 0.2)
@@ -275,21 +270,10 @@ def found(
     return figure
 
 
-def draw_ellipse(axes: Axes, mean: np.ndarray, covariance: np.ndarray, **look: object) -> None:
-    """Two standard deviations around a mean."""
-    values, vectors = np.linalg.eigh(covariance)
-    width, height = 4 * np.sqrt(values[::-1].clip(0))
-    turned = np.degrees(np.arctan2(*vectors[::-1, 1]))
-    look = {"ec": COLOURS[1], "lw": 1.8, "fc": "none"} | look
-    axes.add_patch(Ellipse(mean, width, height, angle=turned, **look))
-
-
 def show_silhouette(axes: Axes, mask: np.ndarray, box: Window, inside: float = 0.86) -> None:
     """A mask as a grey shape in a window."""
     grey = np.where(crop(mask, box), inside, 1.0)
     extent = (box[0] - 0.5, box[2] - 0.5, box[3] - 0.5, box[1] - 0.5)
     axes.imshow(grey, extent=extent, cmap="grey", vmin=0, vmax=1, interpolation="nearest")
     axes.set_autoscale_on(False)
-    axes.set(xticks=[], yticks=[])
-    for spine in axes.spines.values():
-        spine.set_color("0.7")
+    bare(axes)

@@ -328,6 +328,7 @@ def printed(text, name="stdout"):
         (shown(PICTURE), "shows a picture without alt text"),
         (shown(PICTURE, **{"image/png": {"alt": " "}}), "shows a picture without alt text"),
         (shown({"image/svg+xml": "<svg/>"}), "shows a picture without alt text"),
+        (shown({"image/jpeg": "/9j/4A=="}), "shows a picture without alt text"),
         (shown({"text/html": "<img src='data:x'>"}), "picture without alt text in its HTML"),
         (shown({"text/html": "<img alt='' src='x'>"}), "picture without alt text in its HTML"),
         (shown({"application/vnd.jupyter.widget-view+json": {}}), "holds a widget"),
@@ -347,6 +348,7 @@ def test_outputs_that_should_not_be_stored(output, message, book):
         printed("1/2 m/s, https://home/tmp/x, half-way/home/, and/or; 50%\n"),
         shown({"text/html": f"<img alt='a' src='data:{'A' * 9}/home/{'b' * 9}/tmp/AA=='>"}),
         shown(PICTURE, **{"image/png": {"alt": "words"}}),
+        shown({"image/jpeg": "/9j/4A=="}, **{"image/jpeg": {"alt": "words"}}),
     ],
 )
 def test_outputs_that_may_be_stored(output, book):

@@ -1,5 +1,6 @@
 """The site: whole, without loads from elsewhere, every link and picture in its place."""
 
+import base64
 import json
 import os
 import re
@@ -246,6 +247,19 @@ def test_alt_texts_arrive_as_they_were_written(small):
         "four pictures [of] *noise* & <more>, 100 % \\",
         "two spheres of points, a box around the first",
     ]
+
+
+@pytest.mark.parametrize("kind, suffix", [("image/png", ".png"), ("image/jpeg", ".jpeg")])
+def test_stored_pictures_become_files_with_their_alt_text(kind, suffix, tmp_path):
+    stage = making._Stage.__new__(making._Stage)
+    stage.source = tmp_path
+    (tmp_path / "pictures").mkdir()
+    data = {kind: base64.b64encode(b"content").decode(), "text/plain": "words"}
+    output = new_output("display_data", data, metadata={kind: {"alt": "some words"}})
+    (shown,) = stage._outputs([output])
+    (file,) = (tmp_path / "pictures").iterdir()
+    assert file.suffix == suffix and file.read_bytes() == b"content"
+    assert shown.data == {"text/markdown": f"![some words](/pictures/{file.name})"}
 
 
 MARKDOWN = MarkdownIt()

@@ -35,35 +35,6 @@ def mug():
                 if view.objects[0].category == "mug")  # fmt: skip
 
 
-def colours_of(image):
-    return np.unique(image.reshape(-1, 3), axis=0)
-
-
-@pytest.mark.parametrize("smooth", [True, False])
-def test_quiet_images_share_few_colours_and_stay_alike(rng, smooth):
-    ramp = np.linspace(0, 200, 60)[:, None, None] + np.array([10.0, 30, 50])
-    images = [
-        np.uint8(np.broadcast_to(ramp, (60, 40, 3)) + rng.normal(0, 2, (60, 40, 3)).clip(-8, 8)),
-        np.uint8(rng.integers(100, 110, (20, 30, 3))),
-    ]
-    before = [image.copy() for image in images]
-    result = light.quiet(images, 40, smooth)
-    assert [r.shape for r in result] == [i.shape for i in images]
-    assert len(colours_of(np.concatenate([r.reshape(-1, 3) for r in result]))) <= 40
-    for image, drawn, copy in zip(images, result, before, strict=True):
-        assert np.array_equal(image, copy)
-        assert np.abs(image.astype(int) - drawn).mean() < 6
-    (again, _) = light.quiet(images, 40, smooth)
-    assert np.array_equal(again, result[0])
-
-
-def test_quiet_greys_are_in_even_steps():
-    grey = np.tile(np.arange(256, dtype=np.uint8), (4, 1))
-    (drawn,) = light.quiet([grey], 32, smooth=False)
-    assert drawn.shape == (4, 256, 3) and len(np.unique(drawn)) == 32
-    assert np.abs(drawn[..., 0].astype(int) - grey).max() <= 4
-
-
 def test_the_wall_leans_as_asked_and_is_matt(rng):
     lean = np.radians(25)
     wall = light.wall(0.7, lean)
