@@ -16,8 +16,6 @@ import numpy as np
 import torch
 
 import data_tools
-from book.ch08_vector_fields.drawing import losses as gradients
-from book.ch08_vector_fields.drawing import results as charts
 from book.ch08_vector_fields.drawing import voting as draw
 from posecore import cameras, metrics, poses, symmetry
 from posecore.methods.vector_field import fields, losses, network, voting
@@ -691,6 +689,8 @@ draw.found(crowd, behind.full_mask, behind.mask, x_behind, found, Sigma)
 # wrong? Look at one keypoint, and at three pixels that are in error by the same angle:
 
 # %%
+from book.ch08_vector_fields.drawing import losses as gradients
+
 how_far = np.array([50.0, 25.0, 10.0])  # from the pixel to the keypoint, in pixels
 miss = how_far * np.sin(np.radians(10))
 assert np.isclose(miss[0], 5 * miss[2])
@@ -1512,6 +1512,8 @@ for n, title in ((1, "rotation off, degrees"), (2, "translation off, mm")):
     errors[title]["alike, plain PnP"] = patches[n + 2]
 
 # %%
+from book.ch08_vector_fields.drawing import results as charts
+
 for title, table in errors.items():
     for name, values in table.items():
         print(f"{title:22} {name:17}", *(f"{value:6.2f}" for value in values))
