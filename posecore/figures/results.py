@@ -119,7 +119,7 @@ def _draw_estimate(axes: Axes, one: Estimate) -> None:
     for pose, colour in ((one.truth, COLOURS[0]), (one.found, COLOURS[1])):
         if pose is not None:
             draw_box(axes, one.K, *pose, size, centre=centre, colour=colour)
-    thin_lines(axes, 1.4)
+    thin_lines(axes)
 
 
 @house_style

@@ -35,8 +35,8 @@ def windows(
     """
     said = "; ".join(", ".join(names[o - 1] for o in np.unique(part) if o) for part in labels)
     figure = new_picture(
-        7.6,
-        4.0,
+        6.8,
+        3.6,
         f"{len(images)} square windows with objects in them, some turned or half covered, before "
         f"other backgrounds; outlines mark the objects: {said}. Below each, the same objects "
         "coloured by direction to one of their keypoints, with arrows; the rest is white.",
@@ -124,8 +124,8 @@ def seen(
     """
     found = [name for number, name in enumerate(names) if (label == 1 + number).any()]
     figure = new_picture(
-        8.4,
-        3.3,
+        7.2,
+        2.9,
         "A table with things on it. Outlines mark what the network takes for its objects: "
         f"{', '.join(found) or 'nothing'}. Beside it the pixels of the teapot, coloured by the "
         "direction that the network says, with arrows, and a ring at the keypoint.",
@@ -199,7 +199,7 @@ def pose(
         found: of each object its model and pose.
         said: what is to be seen, for the alt text.
     """
-    figure = new_picture(5.4, 4.05, f"A table with things on it, with boxes and axes. {said}")
+    figure = new_picture(4.8, 3.6, f"A table with things on it, with boxes and axes. {said}")
     axes = figure.subplots()
     show_crop(axes, rgb, (0, 0, rgb.shape[1], rgb.shape[0]))
     for model, (R, t) in found:

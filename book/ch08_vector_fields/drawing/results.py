@@ -79,6 +79,7 @@ def gallery(
             split: {title: _estimate(*one) for title, one in panels.items()}
             for split, panels in rows.items()
         },
+        width=1.75,
         alt="Objects with the box of the true pose, blue, and of the estimate, orange. In the "
         "first columns they agree, in the next they part, in the last there is only the true one. "
         + said.replace("\n", " "),
@@ -118,8 +119,8 @@ def real(
     """
     off = np.linalg.norm(points - x, axis=-1)
     figure = new_picture(
-        8.4,
-        3.5,
+        7.4,
+        3.1,
         f"Left: a {photo.name}, {photo.source}, coloured by a field of arrows that are off by "
         f"{degrees:g} degrees, a ring at the keypoint. Right: the {photo.name} with its keypoints, "
         f"voted for, as crosses with ellipses, {off.mean():.1f} px from the true rings on average, "
