@@ -1953,8 +1953,8 @@ if scale() == "book":
 # What is not found counts as wrong, and objects of which less than a tenth is seen are left out.
 # The percentage is computed for each object, then averaged over the three. For this network the
 # weights bring nothing to rely on: the drill loses by them, for votes that agree may agree on a
-# wrong place. On a processor that rounds otherwise the same network gave 54.4 % without them and
-# 52.3 % with them, so two points either way are noise. The claims of section 10 compare three
+# wrong place. On a processor that rounds otherwise the same network gave 52.5 % without them and
+# 54.1 % with them, so two points either way are noise. The claims of section 10 compare three
 # networks.
 #
 # ### Several objects at once
@@ -2305,7 +2305,7 @@ charts.gallery(panels)
 
 # %% [markdown]
 # Of `occluded` even the median pose is wrong, by the rule of 10 %, though its box nearly fits. What is
-# wrong is the distance, as we shall see. The worst are off by four diameters, and by twenty-two.
+# wrong is the distance, as we shall see. The worst are off by four diameters, and by about twenty.
 #
 # ### How much must be seen?
 
