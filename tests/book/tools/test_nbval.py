@@ -207,7 +207,7 @@ def test_a_cell_that_hangs_is_stopped_and_red(outcome):
     _, cells, text = outcome
     assert cells["pages/01_slow", 0] == "PASSED"
     assert cells["pages/01_slow", 1] == "FAILED"
-    assert "Timeout of 8 seconds exceeded" in text
+    assert "Timeout of 4 seconds exceeded" in text
 
 
 def test_what_students_and_tools_leave_is_not_collected(outcome):
