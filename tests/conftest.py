@@ -17,6 +17,7 @@ import torch  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
 settings.register_profile("book", deadline=None, derandomize=True, max_examples=50)
+settings.register_profile("quick", deadline=None, derandomize=True, max_examples=15)
 settings.load_profile("book")
 # Whatever the user's own settings are; the scale of all tests, for the processes they start too.
 os.environ["POSECORE_SCALE"] = "tiny"
@@ -30,6 +31,12 @@ SHARED_CACHE = Path(os.environ["POSECORE_CACHE"])
 torch.set_num_threads(SHARE)
 
 BESIDE_THE_CHECKOUT = Path(__file__).resolve().parents[2] / "shared" / "real"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """`pytest -m "not slow"` is to answer at once, and so tries fewer examples of each property."""
+    if config.getoption("markexpr") == "not slow":
+        settings.load_profile("quick")
 
 
 @pytest.fixture(scope="session")

@@ -253,6 +253,7 @@ def test_what_is_computed_is_refused_by_name() -> None:
         require_finite("depth", torch.tensor(np.nan))
 
 
+@pytest.mark.slow
 def test_transforms_see_no_values() -> None:
     bad = torch.tensor([[np.nan, 0, 0], [1, 2, 3]])
     assert values_known()

@@ -124,6 +124,7 @@ def run(number):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this needs Unix")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_an_interrupt_that_is_swallowed_comes_again(tmp_path, name):

@@ -60,6 +60,7 @@ def test_chamfer_is_symmetric_and_moves_with_both_clouds(seed):
     assert clouds.chamfer_distance(a, rng.permutation(a)) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("squared", [False, True])
 def test_chamfer_passes_exact_gradients_to_both(rng, squared):
     a = torch.from_numpy(rng.normal(size=(2, 6, 3))).requires_grad_()

@@ -55,6 +55,7 @@ def test_y_runs_down_in_the_view_of_a_camera():
     assert not top.yaxis_inverted()
 
 
+@pytest.mark.slow
 @given(CLOUD)
 @A_FEW
 def test_all_panels_have_one_scale_and_hold_all_points(points):

@@ -49,6 +49,7 @@ def test_an_image_that_is_not_shown_does_not_count():
     assert not holds_photograph(figure)
 
 
+@pytest.mark.slow
 def test_photographs_are_stored_as_jpeg_with_colour_at_every_pixel():
     figure = figures.picture(photograph(360, 480), alt="words")
     data, metadata = figure._repr_mimebundle_()
@@ -77,6 +78,7 @@ def test_squares_of_pixels_are_stored_as_png_in_colours_that_come_near():
     assert off.mean() < 2.6 and off.max() <= 80
 
 
+@pytest.mark.slow
 def test_the_same_photograph_is_the_same_file_each_time():
     figure = figures.picture(photograph())
     first = figure.stored()
@@ -84,6 +86,7 @@ def test_the_same_photograph_is_the_same_file_each_time():
     assert figure.stored() == first == figures.picture(photograph()).stored()
 
 
+@pytest.mark.slow
 def test_thin_lines_and_letters_stay_sharp_on_a_photograph():
     figure = figures.picture(photograph(360, 480))
     figure.axes[0].plot([10, 470], [180, 180], color="#D55E00", lw=1)

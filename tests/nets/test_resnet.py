@@ -177,6 +177,7 @@ def test_a_start_keeps_the_size_of_numbers() -> None:
     assert all(torch.equal(a, b) for a, b in zip(net.parameters(), again.parameters(), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("half", [False, True])
 def test_trains_in_channels_last_and_half_precision(half: bool) -> None:

@@ -137,6 +137,7 @@ def test_ransac_finds_the_40_percent_that_are_wrong(seed, flat, noise):
     assert (again.R == found.R).all() and (again.inliers == found.inliers).all()
 
 
+@pytest.mark.slow
 def test_few_noisy_points_of_a_plane_are_met_in_the_better_of_two_ways():
     for seed in range(100):  # SQPnP alone ends in the worse one three times
         rng = np.random.default_rng(seed)
@@ -323,6 +324,7 @@ def test_nonsense_gives_a_pose_or_a_value_error(seed, method):
     assert np.isfinite(found.reprojection_error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("thickness", [0.005, 0.01, 0.05, 0.2])
 @pytest.mark.parametrize("count", [5, 8, 20])
 def test_nearly_flat_points_do_not_end_in_the_mirror_image(thickness, count):

@@ -69,6 +69,7 @@ def test_equal_covariances_are_no_covariances(seed, count, variance):
     assert found.reprojection_error == pytest.approx(plain.reprojection_error, rel=1e-6)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=50)
 def test_the_minimum_is_that_of_an_independent_solver(seed):
@@ -112,6 +113,7 @@ def test_wild_keypoints_of_large_covariance_do_not_matter(seed, wild, behind):
     np.testing.assert_allclose(found.t, clean.t, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_pose_is_better_for_knowing_the_covariances():
     with_them, without = [], []
     for seed in range(60):
@@ -225,6 +227,7 @@ def test_bad_input_is_named(changes, named):
         uncertainty_pnp(**arguments)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 def test_nonsense_gives_a_pose_in_front_of_the_camera_or_a_value_error(seed):
     rng = np.random.default_rng(seed)

@@ -64,6 +64,7 @@ def test_vmap_gives_the_batched_values(function: Callable, args: tuple[Tensor, .
         torch.testing.assert_close(one, other, rtol=1e-14, atol=1e-14)
 
 
+@pytest.mark.slow
 @each
 def test_one_graph_gives_the_same(function: Callable, args: tuple[Tensor, ...]) -> None:
     compiled = torch.compile(function, fullgraph=True, backend="aot_eager")

@@ -138,6 +138,7 @@ def test_a_picture_is_the_background_where_nothing_is(shapes):
     np.testing.assert_allclose(picture, image, rtol=1e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1))
 def test_any_scene_gives_finite_light_and_the_same_each_time(make_scene, seed):

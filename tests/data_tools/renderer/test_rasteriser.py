@@ -30,6 +30,7 @@ def image_of(buffer, size):
     return depth, face
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(st.integers(0, 2**32 - 1))
 def test_agrees_with_rays(make_scene, cast_rays, seed):

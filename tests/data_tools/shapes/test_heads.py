@@ -80,6 +80,7 @@ def test_infrared_is_plausible():
         assert dark and all(m.infrared < 0.1 for m in dark)  # lenses and cameras
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GLASSES)
 def test_glasses_rest_before_the_face(name):
     """Beside the nose nothing of the frame's front sinks into the skin."""

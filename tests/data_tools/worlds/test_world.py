@@ -191,6 +191,7 @@ WORLD = World(
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "old, new, counts",
     [

@@ -77,6 +77,7 @@ def stack():
     return batches.load(data_tools.open("tabletop", split="easy", scale="tiny"), progress=False)
 
 
+@pytest.mark.slow
 def test_crops_follow_from_the_recipe(stack):
     models = field_training.models()
     tiny = RECIPES["tiny"]

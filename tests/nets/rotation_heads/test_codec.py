@@ -98,6 +98,7 @@ def test_the_same_seed_is_the_same_codec() -> None:
     assert digest(train_codec(seed=4, **options)) != digest(first)
 
 
+@pytest.mark.slow
 def test_it_is_frozen(codec: RotationCodec) -> None:
     assert not any(p.requires_grad for p in codec.parameters())
     assert not codec.encode(TEST).requires_grad
