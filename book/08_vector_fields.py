@@ -46,14 +46,14 @@ draw.question(crowd, behind.mask, behind.full_mask, hidden)
 # | | you build | the library has it as |
 # |---|---|---|
 # | 1 | a point from two directions, from a hundred, and from many that are wrong | `methods.vector_field.voting` |
-# | 2 | nine keypoints, and the field that points at them | `keypoints`, `fields` |
+# | 2 | nine keypoints, and the field that points at them | `posecore.models`, `fields` |
 # | 3 | PVNet's loss and the paper's, and what their gradients do | `losses` |
 # | 4 | the network, with arrows only where they count | `network`, `nets.resnet` |
 # | 5 | from votes to a pose, with noise of two kinds | `registration.uncertainty_pnp` |
 # | 6 | a training, live | `recipe`, `training.fit` |
 # | 7 | from a picture to poses | `systems` |
 # | 8 | a refiner, and the rule when to let it | `refinement`, `nets.pose_refiner` |
-# | 9 | what goes right and wrong, and why | `metrics` |
+# | 9 | what goes right and wrong, and why | `metrics`, `methods.outcomes` |
 # | 10 | the paper's claims, measured | the book's ledger |
 #
 # You need chapter 1's cameras, PnP, ADD and ADD-S. Everything on this page runs in a few minutes.
