@@ -17,7 +17,7 @@ from data_tools.bop.files import read_json
 from data_tools.bop.writing import write_dataset
 from data_tools.worlds.world import World
 from posecore.arrays import fail, require_choice, require_integer
-from posecore.command_line import carry_out, refuse_empty, warn
+from posecore.command_line import carry_out, note, refuse_empty
 from posecore.files import write_bytes
 from posecore.scale import SCALES
 
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
-        warnings.showwarning = lambda message, *_: warn(f"note: {message}")
+        warnings.showwarning = lambda message, *_: note(str(message))
         return carry_out(
             command,
             stopped="stopped; finished files of worlds are kept",
@@ -155,7 +155,7 @@ def _show(options: argparse.Namespace) -> None:
         fail("--scale", "a world to go with it", options.source)
     dataset = views.open(options.source, split=split, **choices)
     for text in units.of_dataset(dataset):
-        warn(f"note: {options.source}: {text}")
+        note(f"{options.source}: {text}")
     path = Path(options.output or (f"{name}_{split}.png" if split else f"{name}.png"))
     if path.suffix != ".png":
         fail("--output", "a name that ends in .png", str(path))

@@ -24,7 +24,7 @@ import contextlib
 import functools
 import inspect
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from typing import Any, NoReturn, TypeVar, cast
 
@@ -223,7 +223,7 @@ def array_function(*, keeps_half: bool = False, **shapes: str) -> Callable[[F], 
             bound.arguments.update(tensors)
             device = next((tensor.device.type for tensor in tensors.values()), "cpu")
             # The matrix products of autocast have three digits: geometry needs all of them.
-            inside = _inside(given.values(), keeps_half) if checks else _AS_IS
+            inside = _Inside(0.0 if keeps_half else _half_precision(given)) if checks else _AS_IS
             with inside, torch.autocast(device, enabled=False):
                 result = function(*bound.args, **bound.kwargs)
             came_as_tensor = any(isinstance(value, Tensor) for value in given.values())
@@ -236,20 +236,29 @@ def array_function(*, keeps_half: bool = False, **shapes: str) -> Callable[[F], 
     return decorate
 
 
-@contextlib.contextmanager
-def _inside(given: Iterable[Any], keeps_half: bool) -> Iterator[None]:
-    """Within a decorated function values are trusted, and half precision is not forgotten."""
-    halves = [v.dtype for v in given if isinstance(v, Tensor) and v.dtype in _HALF]
-    if not halves or keeps_half:
-        with trusted():
-            yield
-        return
-    token = _PRECISION.set(max(torch.finfo(dtype).eps for dtype in halves))
-    try:
-        with trusted():
-            yield
-    finally:
-        _PRECISION.reset(token)
+class _Inside:
+    """Within a decorated function values are trusted, and half precision is not forgotten.
+
+    A class, as every call passes here: a generator takes several times as long.
+    """
+
+    def __init__(self, precision: float) -> None:
+        self.precision = precision
+
+    def __enter__(self) -> None:
+        self.trusted = _TRUSTED.set(True)
+        self.before = _PRECISION.set(self.precision) if self.precision else None
+
+    def __exit__(self, *_: object) -> None:
+        _TRUSTED.reset(self.trusted)
+        if self.before is not None:
+            _PRECISION.reset(self.before)
+
+
+def _half_precision(given: dict[str, Any]) -> float:
+    """The worst of the arguments that are tensors of half precision; 0 without any."""
+    halves = [v.dtype for v in given.values() if isinstance(v, Tensor) and v.dtype in _HALF]
+    return max((torch.finfo(dtype).eps for dtype in halves), default=0.0)
 
 
 def _to_tensors(given: dict[str, Any], keeps_half: bool) -> dict[str, Tensor]:

@@ -22,7 +22,7 @@ __all__ = [
     "Interrupts",
     "carry_out",
     "lacks_memory",
-    "leave_output",
+    "note",
     "refuse_empty",
     "start",
     "warn",
@@ -112,14 +112,14 @@ def carry_out(
             if interrupts.came:  # libraries make errors of their own of it
                 status, line = INTERRUPTED, stopped
             elif isinstance(error, BrokenPipeError):
-                leave_output()
+                _leave_output()
                 return PIPE_CLOSED
             elif lacks_memory(error):
                 words = " ".join(str(error).split())
                 status, line = failed, f"{name}: not enough memory: {words:.200}".rstrip(": ")
             elif isinstance(error, refusals):
                 if getattr(error, "filename", None) == OUTPUT:
-                    leave_output()
+                    _leave_output()
                 status, line = failed, f"{name}: {' '.join(str(error).split())}"
             else:
                 raise
@@ -144,7 +144,12 @@ def warn(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
 
-def leave_output() -> None:
+def note(text: str) -> None:
+    """Say something on the error stream, where it does not get into a table."""
+    warn(f"note: {text}")
+
+
+def _leave_output() -> None:
     """Let the end of the interpreter find nothing that it would try to print again."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -161,7 +166,7 @@ def _printed(status: Any, name: str = "error", failed: int = 1) -> Any:
     except (AttributeError, ValueError):  # there is none, or it is closed
         return status
     except OSError as error:
-        leave_output()
+        _leave_output()
         if error.errno == errno.EPIPE:
             return status or PIPE_CLOSED
         warn(f"{name}: {OSError(error.errno, error.strerror, OUTPUT)}")

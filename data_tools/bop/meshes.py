@@ -94,7 +94,8 @@ def _read_stl(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and triangles of an STL file, binary or text; equal corners become one vertex."""
     announced = int.from_bytes(data[80:84], "little")
     binary = len(data) == 84 + TRIANGLE * announced
-    words = [] if binary else data.lower().split()
+    text = b"" if binary else data.lower()
+    words = text.split()
     if not binary:
         if words[:1] != [b"solid"] or b"\0" in data:
             raise ValueError(
@@ -102,7 +103,7 @@ def _read_stl(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray]:
             )
         announced = words.count(b"facet")
         ends = [words.count(word) for word in (b"endfacet", b"vertex", b"endsolid")]
-        solids = len(re.findall(rb"^[ \t]*solid\b", data.lower(), re.MULTILINE))
+        solids = len(re.findall(rb"^[ \t]*solid\b", text, re.MULTILINE))
         if ends != [announced, 3 * announced, solids]:
             raise ValueError(f"{path}: damaged STL: no end of the solid, it may be cut")
     if announced == 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posecore.command_line import OUTPUT, warn
+from posecore.command_line import OUTPUT, note
 
 __all__ = ["note", "say"]
 
@@ -18,8 +18,3 @@ def say(text: str) -> None:
     except OSError as error:
         error.filename = OUTPUT
         raise
-
-
-def note(text: str) -> None:
-    """Say something on the error stream, where it does not get into a table."""
-    warn(f"note: {text}")
