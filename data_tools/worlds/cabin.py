@@ -13,7 +13,10 @@ from data_tools.shapes.mesh import Material
 from data_tools.shapes.pieces import box
 from data_tools.textures.prints import noise
 
-__all__ = ["make_cabin", "windows"]
+__all__ = ["make_cabin", "windows", "windows_in_colour"]
+
+_SKY = np.array([0.85, 0.97, 1.15])  # by day, linear
+_LEAVES = np.array([0.22, 0.34, 0.10])
 
 
 @functools.lru_cache(maxsize=1)
@@ -58,8 +61,26 @@ def windows(rng: np.random.Generator, daylight: float, height: int, width: int) 
         daylight: how bright it is outside, from 0 at night to 1.
         height, width: of the image in pixels.
     """
+    sky, leaves = _outside(rng, height, width)
+    return daylight * (0.42 * sky + 0.3 * (1 - sky) * leaves**2) + 0.006
+
+
+def windows_in_colour(
+    rng: np.random.Generator, daylight: float, height: int, width: int
+) -> np.ndarray:
+    """(H, W, 3) the same in visible light, to which the sky is brighter and leaves are darker.
+
+    Args:
+        rng, daylight, height, width: as for `windows`, which takes the same random numbers.
+    """
+    sky, leaves = (image[..., None] for image in _outside(rng, height, width))
+    return daylight * (sky * _SKY + (1 - sky) * leaves**2 * _LEAVES) + 0.0003
+
+
+def _outside(rng: np.random.Generator, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) how much of a pixel is sky, and (H, W) how dense the leaves are, both 0 to 1."""
     columns, rows = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
     points = np.stack([0.7 * columns, 0.4 * rows, 0 * rows], axis=-1).reshape(-1, 3)
     leaves = noise(points + rng.uniform(0, 1, 3)).reshape(height, width)
     sky = np.clip((0.53 + 0.35 * (leaves - 0.5) - rows) / 0.02, 0, 1)
-    return daylight * (0.42 * sky + 0.3 * (1 - sky) * leaves**2) + 0.006
+    return sky, leaves

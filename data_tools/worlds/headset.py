@@ -16,7 +16,9 @@ whose frame, and so whose pose, is the glasses'; neck and torso belong to neithe
 are apart; `foreground` is both.
 
 Light. Each camera has a lamp beside it and is exposed while only this one shines; its light falls
-with the square of the distance. By day some comes through the windows as well.
+with the square of the distance. By day some comes through the windows as well: a record keeps its
+"daylight", from 0 at night to 1 (`WORLD.open(split="train").store[index]["daylight"]`). `draw`
+shows the same instants in other light, `data_tools.worlds.redrawn` many of them.
 
 Depth. No camera here measures it: `View.depth` is a label, that of head, glasses and torso in steps
 of 0.1 mm, and 0 where the car is seen.
@@ -25,37 +27,43 @@ of 0.1 mm, and 0 where the car is seen.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from data_tools.renderer import Light, PreparedMesh, prepare, render_infrared, render_labels
-from data_tools.sensors import infrared_sensor
-from data_tools.shapes import GLASSES, PIVOT, make_glasses, make_subject
+from data_tools.renderer import render_labels
+from data_tools.shapes import GLASSES
 from data_tools.shapes.mesh import Mesh
 from data_tools.views import ObjectView, View
-from data_tools.worlds.cabin import make_cabin, windows
+from data_tools.worlds.headset_scenes import (
+    SUBJECTS,
+    Instant,
+    draw_instant,
+    infrared_picture,
+    visible_picture,
+    worn,
+)
 from data_tools.worlds.world import Recipe, Size, World, WorldModels, generator
-from posecore.arrays import fail, require_integer, to_numbers
-from posecore.poses import compose, from_matrix, relative, to_matrix
-from posecore.rotations import euler_to_matrix, matrix_to_euler, require_rotation
+from posecore.arrays import fail, require_choice, require_integer, require_number, to_numbers
+from posecore.poses import from_matrix, relative, to_matrix
+from posecore.rotations import matrix_to_euler, require_rotation
 
-__all__ = ["CAMERAS", "HEAD", "SUBJECTS", "WORLD", "cameras", "foreground", "head_angles"]
+__all__ = [
+    "CAMERAS",
+    "HEAD",
+    "SUBJECTS",
+    "WORLD",
+    "cameras",
+    "draw",
+    "foreground",
+    "head_angles",
+]
 
 CAMERAS = ("left", "centre", "right")  # as they lie in the image of the centre camera
 HEAD = 5  # the object id of the head
-SUBJECTS = {"train": tuple(range(12)), "test": tuple(range(12, 16))}
 
 DEPTH_STEP = 1e-4  # metres
-LAMP = 0.55  # power of a camera's lamp
-LIMITS = np.radians([75.0, 35.0, 25.0])  # of yaw, pitch and roll
-# What drivers do: how often, where they look and how much that varies (yaw, pitch, roll, degrees).
-_HABITS = (
-    (0.60, (0, 0, 0), (7, 5, 3)),  # the road
-    (0.10, (-28, 2, -2), (8, 4, 4)),  # the mirror outside
-    (0.10, (30, -4, 2), (9, 4, 4)),  # the mirror inside
-    (0.08, (6, 19, 0), (10, 5, 4)),  # the instruments
-    (0.12, (0, 0, 0), (45, 18, 13)),  # anything else
-)
 # Where the lens of each camera is in the car, and where it looks.
 _EYES = ((-0.36, 0.03, -0.68), (0.0, 0.09, -0.76), (0.36, 0.03, -0.68))
 _TARGET = (0.0, 0.01, 0.02)
@@ -126,49 +134,89 @@ def _glasses(view: View) -> ObjectView:
     fail("view", "one with glasses", [item.object_id for item in view.objects])
 
 
+def draw(
+    index: int,
+    *,
+    split: str,
+    scale: str | None = None,
+    daylight: float | None = None,
+    gain: float = 1.0,
+    lamp: float = 1.0,
+    light: str = "infrared",
+) -> list[View]:
+    """The three views of an instant of the world, drawn again in other light.
+
+    Driver, poses, labels, and the random numbers of the noise are those of the record; as it is by
+    default, the pictures are, too, bit for bit.
+
+    Args:
+        index: of the instant, from 0 on: views 3 * index to 3 * index + 2 of the split.
+        split: "train" or "test".
+        scale: "tiny", "book" or "paper"; None for the one in force.
+        daylight: from 0 at night to 1; None for that of the record.
+        gain: factor on the exposure of the cameras, above 0.
+        lamp: factor on the power of the infrared lamps, at least 0.
+        light: "infrared"; or "visible" for `rgb` in the place of `ir`: colour cameras without
+            lamps, whose exposure is the same by day and by night.
+
+    Raises:
+        ValueError: naming the argument that does not fit this description.
+    """
+    recipe = WORLD.recipe(split, scale)
+    count = WORLD.sizes[recipe["scale"]].counts[split]
+    index = require_integer("index", index, 0, count - 1)
+    gain = require_number("gain", gain, above=0)
+    lamp = require_number("lamp", lamp, 0)
+    require_choice("light", light, ("infrared", "visible"))
+    if light == "visible" and lamp != 1:
+        fail("lamp", "1, as infrared lamps are no visible light", lamp)
+    rng = generator(recipe, index)
+    instant = draw_instant(rng, split, index)
+    if daylight is not None:
+        instant = replace(instant, daylight=require_number("daylight", daylight, 0, 1))
+    size = recipe["width"], recipe["height"]
+    if light == "infrared":
+        images = [
+            {"ir": infrared_picture(instant, *camera, size, rng, gain=gain, lamp=lamp)}
+            for camera in cameras(*size)
+        ]
+    else:
+        images = [
+            {"rgb": visible_picture(instant, *camera, size, rng, gain=gain)}
+            for camera in cameras(*size)
+        ]
+    return _assembled(recipe, index, _known(instant, size), images)
+
+
 def _record(recipe: Recipe, index: int) -> dict:
     """One instant: what the three cameras see, and where the glasses are in the car."""
     rng = generator(recipe, index)
-    subject, glasses = _who_wears_what(recipe["split"], index)
-    seat, lean = _seat(subject), _lean(rng)
-    angles = _angles(rng)
-    head = _about_pivot(angles, seat + lean)
-    torso = _about_pivot(angles * [0.25, 0, 0], seat + lean)
-    objects = [_worn(glasses), *_driver(subject), *make_cabin()]
-    poses = [head, head, torso, (np.eye(3), seat), (np.eye(3), np.zeros(3))]
-    daylight = _daylight(rng)
+    instant = draw_instant(rng, recipe["split"], index)
+    size = recipe["width"], recipe["height"]
+    pictures = [infrared_picture(instant, *camera, size, rng) for camera in cameras(*size)]
+    # Cameras one below the other, since records are compressed along the first axis.
+    return _known(instant, size) | {"ir": np.concatenate(pictures)}
 
-    width, height = size = recipe["width"], recipe["height"]
-    infrared, depth, boxes, fractions = [], [], [], []
+
+def _known(instant: Instant, size: tuple[int, int]) -> dict:
+    """What a record has besides its pictures: what is known of an instant and of its views."""
+    width, height = size
+    depth, boxes, fractions = [], [], []
     masks = np.zeros((2, 3, 2, height, width), bool)  # visible and full, of each camera
     for number, (K, T) in enumerate(cameras(*size)):
-        seen = [relative(*from_matrix(T), *pose) for pose in poses]
         # The car is behind the driver, so without it the labels are the same.
-        labels = render_labels(objects[:3], seen[:3], K, size)
-        linear = render_infrared(
-            objects,
-            seen,
-            K,
-            size,
-            _lights(T, daylight),
-            ambient=0.004 + 0.03 * daylight,
-            background=windows(rng, daylight, height, width),
-            casters=(0, 1, 2),
-            shadow_texels=2 * width,
-        )
-        infrared.append(infrared_sensor(linear, rng, read_noise=0.008, column_noise=0.002))
+        labels = render_labels(instant.objects[:3], instant.seen_from(T)[:3], K, size)
         depth.append(np.round(labels.depth / DEPTH_STEP).astype(np.uint16))
         masks[:, number] = labels.visible_masks[:2], labels.full_masks[:2]
         boxes.append(labels.visible_boxes[:2])
         fractions.append(labels.visible_fraction[:2])
     return {
-        "subject": subject,
-        "glasses": glasses + 1,
-        "sizes": np.stack([item.mesh.size for item in objects[:2]]),
-        "R": head[0],
-        "t": head[1],
-        # Cameras one below the other, since records are compressed along the first axis.
-        "ir": np.concatenate(infrared),
+        "subject": instant.subject,
+        "glasses": instant.glasses + 1,
+        "daylight": instant.daylight,
+        "sizes": np.stack([item.mesh.size for item in instant.objects[:2]]),
+        "R": instant.poses[0][0],
+        "t": instant.poses[0][1],
         "depth": np.concatenate(depth),
         "masks": masks[0],
         "full_masks": masks[1],
@@ -178,8 +226,15 @@ def _record(recipe: Recipe, index: int) -> dict:
 
 
 def _views(recipe: Recipe, index: int, record: dict) -> list[View]:
+    pictures = record["ir"].reshape(3, recipe["height"], recipe["width"])
+    return _assembled(recipe, index, record, [{"ir": picture} for picture in pictures])
+
+
+def _assembled(
+    recipe: Recipe, index: int, record: dict, images: Sequence[dict[str, np.ndarray]]
+) -> list[View]:
+    """The views of a record with these images, "ir" or "rgb", of each camera."""
     width, height = recipe["width"], recipe["height"]
-    infrared = record["ir"].reshape(3, height, width)
     depth = record["depth"].reshape(3, height, width).astype(np.float32) * np.float32(DEPTH_STEP)
     result = []
     for number, (K, T) in enumerate(cameras(width, height)):
@@ -206,76 +261,16 @@ def _views(recipe: Recipe, index: int, record: dict) -> list[View]:
             group=(record["subject"], index),
             K=K,
             T_world_cam=T,
-            ir=infrared[number],
             depth=depth[number],
             objects=tuple(objects),
+            **images[number],
         )
         result.append(view)
     return result
 
 
-def _who_wears_what(split: str, index: int) -> tuple[int, int]:
-    """Subject and glasses (from 0 on), in turns, so that all wear all equally often."""
-    subjects = SUBJECTS[split]
-    return subjects[index % len(subjects)], index // len(subjects) % len(GLASSES)
-
-
-def _angles(rng: np.random.Generator) -> np.ndarray:
-    """(3,) yaw, pitch and roll in radians: mostly straight ahead, seldom far to a side."""
-    habit = _HABITS[rng.choice(len(_HABITS), p=[share for share, _, _ in _HABITS])]
-    while True:
-        angles = np.radians(rng.normal(habit[1], habit[2]))
-        if (np.abs(angles) <= LIMITS).all():
-            return angles
-
-
-def _seat(subject: int) -> np.ndarray:
-    """(3,) how the driver has set the seat, metres: height and distance."""
-    rng = np.random.default_rng([31, subject])
-    return np.array([0, rng.uniform(-0.035, 0.035), rng.uniform(-0.05, 0.12)])
-
-
-def _lean(rng: np.random.Generator) -> np.ndarray:
-    """(3,) where the driver leans: to a side, up and down, and now and then forward."""
-    side, up = rng.normal(0, 0.02), rng.normal(0, 0.01)
-    forward = min(abs(rng.normal(0, 0.035)), 0.12)
-    return np.array([np.clip(side, -0.06, 0.06), np.clip(up, -0.03, 0.03), -forward])
-
-
-def _about_pivot(angles: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The pose in the car of what turns about the top of the neck."""
-    R = euler_to_matrix(angles, "YXZ")
-    return compose(R, PIVOT + shift, np.eye(3), -PIVOT)
-
-
-def _daylight(rng: np.random.Generator) -> float:
-    """How bright it is outside, from 0 at night to 1."""
-    return float(rng.choice([0.0, rng.uniform(0, 0.25), rng.uniform(0.25, 1)], p=[0.3, 0.4, 0.3]))
-
-
-def _lights(T_world_cam: np.ndarray, daylight: float) -> list[Light]:
-    """The lamp beside the camera, and the daylight from the driver's window."""
-    R, t = T_world_cam[:3, :3], T_world_cam[:3, 3]
-    window = R.T @ (np.array([1.0, -0.35, -0.25]) - t)
-    # A point: so close to a lamp beside it, no camera sees the soft rims of shadows.
-    lamp = Light((0.04, 0.0, 0.0), LAMP, radius=0.0, beam=1.5)
-    return [lamp, Light(window, 0.14 * daylight, shadows=False)] if daylight else [lamp]
-
-
-@functools.lru_cache(maxsize=4)
-def _worn(glasses: int) -> PreparedMesh:
-    return prepare(make_glasses(GLASSES[glasses]))
-
-
-@functools.lru_cache(maxsize=16)
-def _driver(subject: int) -> tuple[PreparedMesh, PreparedMesh]:
-    """Head and torso."""
-    person = make_subject(subject)
-    return prepare(person.head), prepare(person.torso)
-
-
 def _mesh(number: int) -> Mesh:
-    return _worn(number).mesh
+    return worn(number).mesh
 
 
 WORLD = World(

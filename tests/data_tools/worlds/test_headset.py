@@ -1,19 +1,19 @@
 """The world of the driver with AR glasses."""
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data_tools.renderer import render_infrared, render_labels
 from data_tools.shapes import GLASSES
 from data_tools.storage.records import encode_record
 from data_tools.views import View
 from data_tools.worlds import headset
-from data_tools.worlds.headset import CAMERAS, HEAD, SUBJECTS, WORLD
+from data_tools.worlds.headset import CAMERAS, HEAD, SUBJECTS, WORLD, draw
+from data_tools.worlds.headset_scenes import LIMITS, who_wears_what
 from data_tools.worlds.world import Size
 from posecore.cameras import project
 from posecore.poses import apply, from_matrix, to_matrix
@@ -50,7 +50,7 @@ def test_no_driver_is_in_both_splits_and_all_wear_all_glasses(tiny_views):
     for scale in ("tiny", "book"):
         drivers = {}
         for split, count in WORLD.sizes[scale].counts.items():
-            worn = Counter(headset._who_wears_what(split, index) for index in range(count))
+            worn = Counter(who_wears_what(split, index) for index in range(count))
             assert set(worn) == {(s, g) for s in SUBJECTS[split] for g in range(4)}
             assert max(worn.values()) - min(worn.values()) <= 1
             drivers[split] = {subject for subject, _ in worn}
@@ -59,7 +59,7 @@ def test_no_driver_is_in_both_splits_and_all_wear_all_glasses(tiny_views):
     for split in WORLD.splits:
         for view in tiny_views(FEW, split):
             who = (view.scene_id, view.objects[0].object_id - 1)
-            assert who == headset._who_wears_what(split, view.group[1])
+            assert who == who_wears_what(split, view.group[1])
 
 
 def test_the_views_of_an_instant_agree_on_where_the_glasses_are(triples):
@@ -119,50 +119,6 @@ def test_skin_is_brighter_than_the_cabin_which_is_not_black(triples):
         assert 0.2 < view.ir[away].mean() < skin
 
 
-def test_light_falls_with_the_square_of_the_distance():
-    """The same piece of a cheek, moved away along the axis of the camera.
-
-    A lamp 4 cm aside is seen from it under another angle, by 4.6 degrees at 0.5 m and 2.3 at 1 m;
-    where the light comes in at up to 30 degrees the cosine changes by up to 2.5 % for that, and the
-    lamp's beam by less than 1 %.
-    """
-    head = headset._driver(3)[0]
-    K, T = headset.cameras(320, 188)[1]
-    # The lamp alone: no daylight.
-    (lamp,) = headset._lights(T, 0.0)
-    spot = np.array([0.03, 0.035, 0.0])
-    light = []
-    for distance in (0.5, 0.7, 1.0):
-        t = np.array([0, 0, distance])
-        scene = [head], [(np.eye(3), t)], K, (320, 188)
-        labels = render_labels(*scene)
-        linear = render_infrared(*scene, [lamp], ambient=0.0)
-        near = np.linalg.norm((labels.coordinates - spot)[..., :2], axis=-1) < 0.012
-        near &= labels.instance == 0
-        square = ((labels.coordinates[near] + t - lamp.position) ** 2).sum(-1)
-        light.append((linear[near].mean(), np.mean(1 / square)))
-    brightness, expected = np.array(light).T
-    assert near.sum() > 20
-    assert brightness[0] > 3 * brightness[-1]
-    ratio = brightness / expected
-    assert np.ptp(ratio) < 0.035 * ratio.mean()
-
-
-def test_most_heads_look_ahead_and_some_far_to_the_side(rng):
-    angles = np.degrees([headset._angles(rng) for _ in range(6000)])
-    yaw, pitch, roll = np.abs(angles).T
-    assert yaw.max() <= 75
-    assert pitch.max() <= 35
-    assert roll.max() <= 25
-    assert 0.5 < np.mean((yaw < 15) & (pitch < 15)) < 0.8
-    # Every bin of 15 degrees of yaw, 10 of pitch and 5 of roll has some, and fewer than the first.
-    for values, width, bins in ((yaw, 15, 5), (pitch, 10, 3), (roll, 5, 5)):
-        counts = np.bincount((values // width).astype(int), minlength=bins)[:bins]
-        assert counts.min() > 10
-        assert counts[-1] < 0.1 * counts[0]
-    assert abs(angles[:, 0].mean()) < 3
-
-
 @given(ANGLES)
 def test_head_angles_come_back(triples, angles):
     view = triples[0][0]
@@ -179,24 +135,7 @@ def test_head_angles_are_those_that_were_drawn(triples):
         angles = headset.head_angles(centre)
         assert np.allclose(headset.head_angles(left), angles, atol=1e-12)
         assert np.allclose(headset.head_angles(right), angles, atol=1e-12)
-        assert (np.abs(angles) <= headset.LIMITS + 1e-12).all()
-
-
-def test_signs_of_the_head_angles():
-    """As the centre camera sees it: yaw moves the nose to the left, pitch lowers it, and roll turns
-    the head clockwise."""
-    nose, crown = np.array([[0, 0.035, -0.03]]), np.array([[0, -0.12, 0.08]])
-    for axis, angle in enumerate((0.4, 0.3, 0.3)):
-        R, t = headset._about_pivot(angle * np.eye(3)[axis], np.zeros(3))
-        straight = headset._about_pivot(np.zeros(3), np.zeros(3))
-        moved_nose = (apply(R, t, nose) - apply(*straight, nose))[0]
-        moved_crown = (apply(R, t, crown) - apply(*straight, crown))[0]
-        if axis == 0:
-            assert moved_nose[0] < -0.03
-        elif axis == 1:
-            assert moved_nose[1] > 0.03
-        else:
-            assert moved_crown[0] > 0.03
+        assert (np.abs(angles) <= LIMITS + 1e-12).all()
 
 
 @given(st.integers(8, 1280), st.integers(8, 800))
@@ -221,6 +160,72 @@ def test_same_bytes_in_another_process(two_processes):
     there = two_processes.starmap(WORLD.record, [(recipe, i) for i in indices], chunksize=1)
     here = [WORLD.record(recipe, i) for i in reversed(indices)]
     assert [encode_record(r) for r in there] == [encode_record(r) for r in reversed(here)]
+
+
+def differences(views, others):
+    """The names of fields in which views differ; bit for bit."""
+    found = set()
+    for view, other in zip(views, others, strict=True):
+        pairs = [(view, other), *zip(view.objects, other.objects, strict=True)]
+        for one, two in pairs:
+            for field in fields(one):
+                a, b = getattr(one, field.name), getattr(two, field.name)
+                same = np.array_equal(a, b) and np.asarray(a).dtype == np.asarray(b).dtype
+                if field.name != "objects" and not same:
+                    found.add(field.name)
+    return found
+
+
+@pytest.mark.parametrize(("split", "index"), [("train", 0), ("train", 17), ("test", 11)])
+def test_drawn_again_as_it_was_it_is_the_same(tiny_views, split, index):
+    views = tiny_views(FEW, split)[3 * index : 3 * index + 3]
+    assert differences(views, draw(index, split=split, scale="tiny")) == set()
+
+
+def test_a_record_keeps_the_daylight_it_was_drawn_with():
+    recipe = WORLD.recipe("train", "tiny")
+    kept = [WORLD.record(recipe, index)["daylight"] for index in range(12)]
+    assert all(type(value) is float and 0 <= value <= 1 for value in kept)
+    assert 0.0 in kept and max(kept) > 0.05
+    for index in np.argsort(kept)[[0, -1]].tolist():
+        same = draw(index, split="train", scale="tiny", daylight=kept[index])
+        assert differences(draw(index, split="train", scale="tiny"), same) == set()
+        other = draw(index, split="train", scale="tiny", daylight=1 - kept[index])
+        assert differences(other, same) == {"ir"}
+
+
+def test_other_light_changes_the_pictures_and_nothing_else(triples):
+    own = triples[4]
+    options = {"split": "train", "scale": "tiny"}
+    for conditions in ({"gain": 1.7}, {"lamp": 0.5}, {"daylight": 0.9, "gain": 0.4}):
+        assert differences(own, draw(4, **options, **conditions)) == {"ir"}
+    visible = draw(4, **options, light="visible")
+    assert differences(own, visible) == {"ir", "rgb"}
+    assert all(view.ir is None and view.rgb.shape == (47, 80, 3) for view in visible)
+
+
+def test_gain_and_lamp_make_faces_brighter():
+    def face(**conditions):
+        view = draw(2, split="train", scale="tiny", daylight=0.0, **conditions)[1]
+        return view.ir[view.objects[1].mask].mean()
+
+    normal = face()
+    assert 1.9 < face(gain=2.0) / normal < 2.05  # but for what is too bright
+    assert 0.45 < face(gain=0.5) / normal < 0.55
+    assert 0.45 < face(lamp=0.5) / normal < 0.6  # and what comes from all around
+    assert face(lamp=0.0) < 0.1 * normal
+
+
+def test_infrared_sees_by_night_what_visible_light_does_not():
+    means = {}
+    for light, kind in (("infrared", "ir"), ("visible", "rgb")):
+        for daylight in (0.0, 0.1, 1.0):
+            views = draw(2, split="train", scale="tiny", daylight=daylight, light=light)
+            faces = [getattr(v, kind)[v.objects[1].mask] for v in views]
+            means[light, daylight] = np.concatenate(faces).mean()
+            assert (np.concatenate(faces) == 255).mean() < 0.05
+    assert means["infrared", 0.0] > 0.8 * means["infrared", 1.0]
+    assert means["visible", 0.0] < 10 < means["visible", 0.1] < 60 < means["visible", 1.0]
 
 
 def test_models_are_the_four_glasses():
@@ -255,6 +260,19 @@ BARE = View(K=np.eye(3), scene_id=0, image_id=0, T_world_cam=np.eye(4))
         (lambda view: WORLD.open(split="val"), "split"),
         (lambda view: WORLD.open(split="train", scale="huge"), "scale"),
         (lambda view: WORLD.models.mesh(HEAD), "object_id"),
+        (lambda view: draw(-1, split="train"), "index"),
+        (lambda view: draw(48, split="train", scale="tiny"), "index"),
+        (lambda view: draw(1.5, split="train"), "index"),
+        (lambda view: draw(0, split="val"), "split"),
+        (lambda view: draw(0, split="train", scale="huge"), "scale"),
+        (lambda view: draw(0, split="train", daylight=1.01), "daylight"),
+        (lambda view: draw(0, split="train", daylight=-0.1), "daylight"),
+        (lambda view: draw(0, split="train", daylight=float("nan")), "daylight"),
+        (lambda view: draw(0, split="train", gain=0), "gain"),
+        (lambda view: draw(0, split="train", gain=float("inf")), "gain"),
+        (lambda view: draw(0, split="train", lamp=-1), "lamp"),
+        (lambda view: draw(0, split="train", light="ultraviolet"), "light"),
+        (lambda view: draw(0, split="train", light="visible", lamp=0.5), "lamp"),
     ],
 )
 def test_bad_input(triples, call, name):
