@@ -80,16 +80,24 @@ def _parser() -> argparse.ArgumentParser:
     make.add_argument("--quiet", action="store_true", help="no progress bar")
 
     show = _command(commands, "show", _show, "draw views with their poses into a PNG file")
-    show.add_argument("source", help="a world, bop:PATH or linemod:PATH")
+    show.add_argument("source", help="a world, bop:PATH, linemod:PATH or hmdpose:PATH")
     _add_split_and_scale(show)
     show.add_argument("--count", type=int, default=12, help="views (default: 12)")
     show.add_argument("--first", type=int, default=0, help="index of the first view (default: 0)")
     show.add_argument("--output", metavar="FILE.png", help="default: SOURCE_SPLIT.png")
 
-    export = _command(commands, "export", _export, "write tabletop as a BOP dataset")
+    export = _command(commands, "export", _export, "write a world as others lay out datasets")
     export.add_argument("path", help="a new folder")
+    export.add_argument(
+        "--world",
+        choices=("tabletop", "headset"),
+        default="tabletop",
+        help="tabletop, the default, as a BOP dataset; headset for hmdpose:PATH",
+    )
     export.add_argument("--scale", choices=SCALES, help="default: POSECORE_SCALE")
-    export.add_argument("--count", type=int, help="views of each split (default: all)")
+    export.add_argument(
+        "--count", type=int, help="views of each split, of headset triples (default: all)"
+    )
 
     check = _command(commands, "check", _check, "read all files of a world; exit 1 if any is bad")
     _add_world(check)
@@ -193,10 +201,33 @@ def _contact_sheet(chosen: Sequence[views.View]) -> bytes:
 
 
 def _export(options: argparse.Namespace) -> None:
-    from data_tools.worlds import tabletop
-
     if options.count is not None:
         require_integer("--count", options.count, 1)
+    (_export_headset if options.world == "headset" else _export_tabletop)(options)
+    print(options.path)
+
+
+def _export_headset(options: argparse.Namespace) -> None:
+    from data_tools.hmdpose import write_hmdpose
+
+    world = _world("headset")
+    count = None if options.count is None else options.count * world.views_per_record
+    parts: dict[str, Iterator[views.View]] = {}
+    for split in world.splits:
+        dataset = world.open(split=split, scale=options.scale, whole=count is None)
+        parts[split] = itertools.islice(dataset, count)
+    models = world.models
+    write_hmdpose(
+        parts,
+        options.path,
+        {i: models.mesh(i) for i in models.ids},
+        infos={i: models.info(i) for i in models.ids},
+    )
+
+
+def _export_tabletop(options: argparse.Namespace) -> None:
+    from data_tools.worlds import tabletop
+
     models = tabletop.WORLD.models
     parts: dict[str, Iterator[views.View]] = {}
     for split, name in PARTS.items():
@@ -211,7 +242,6 @@ def _export(options: argparse.Namespace) -> None:
         silhouettes=tabletop.silhouettes,
         depth_scale=tabletop.DEPTH_SCALE,
     )
-    print(options.path)
 
 
 def _check(options: argparse.Namespace) -> int:

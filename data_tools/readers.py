@@ -9,6 +9,7 @@ __all__ = ["READERS"]
 READERS = {
     "bop": "data_tools.bop.dataset:BopDataset",
     "linemod": "data_tools.linemod:LinemodDataset",
+    "hmdpose": "data_tools.hmdpose:HmdposeDataset",
     "headset": "data_tools.worlds.headset:WORLD.open",
     "tabletop": "data_tools.worlds.tabletop:WORLD.open",
     "categories": "data_tools.worlds.categories:WORLD.open",

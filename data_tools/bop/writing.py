@@ -15,7 +15,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -26,10 +25,10 @@ import numpy as np
 
 from data_tools.bop.model_writing import Model, write_models
 from data_tools.bop.models import ModelInfo
-from data_tools.storage.locks import claim
+from data_tools.storage.folders import new_folder
 from data_tools.views import ObjectView, View
 from posecore.arrays import fail, require_choice, require_number
-from posecore.files import require_path, write_bytes
+from posecore.files import write_bytes
 from posecore.rotations import require_rotation
 
 __all__ = ["Silhouettes", "write_dataset"]
@@ -95,8 +94,6 @@ def write_dataset(
         ValueError: naming the argument, or the view and what does not fit; nothing is left then.
         OSError: if a file cannot be written; nothing is left then.
     """
-    # "." and a link have no name to put another folder beside.
-    path = Path(os.path.realpath(require_path("path", path)))
     if not isinstance(splits, Mapping) or not splits:
         fail("splits", "views by the name of their split", repr(splits))
     for name in splits:
@@ -109,58 +106,19 @@ def write_dataset(
         targets = tests[0]
     require_choice("targets", targets, (*splits, *([] if tests else [None])))
     depth_scale = require_number("depth_scale", depth_scale, above=0)
-    if path.exists() and not (path.is_dir() and not any(path.iterdir())):
-        fail("path", "a new or an empty folder", str(path))
-    if not path.parent.is_dir():
-        fail("path", "a folder in one that exists", str(path))
-    unfinished = path.with_name(path.name + ".unfinished")
-    with claim(unfinished) as claimed:
-        if not claimed.mine:
-            fail("path", "one that no other process writes", f"{path}, which one does")
-        if unfinished.exists():
-            if not claimed.left:
-                fail("path", f"no {unfinished.name} beside it that something else left", unfinished)
-            shutil.rmtree(unfinished)  # of a try that was killed
-        try:
-            unfinished.mkdir()
-            write_models(unfinished / "models", models, infos or {})
-            write_models(unfinished / "models_eval", models_eval or models, infos or {})
-            writer = _Writer(unfinished, set(models), depth_scale, silhouettes)
-            about = ABOUT.format(path.name)
-            for name, views in splits.items():
-                images, objects = writer.write_split(name, views)
-                scenes = {image["scene_id"] for image in images}
-                about += f"| {name} | {len(scenes)} | {len(images)} |\n"
-                if name == targets:
-                    _write_json(unfinished / TARGETS, objects)
-                    _write_json(unfinished / IMAGES, images)
-            write_bytes(unfinished / "dataset_info.md", about.encode())
-            if path.exists():
-                _fill(path, unfinished)
-            else:
-                unfinished.rename(path)
-        except BaseException as error:
-            shutil.rmtree(unfinished, ignore_errors=True)
-            if isinstance(error, OSError) and error.filename is None:
-                error.filename = str(unfinished)  # a full disk does not say which one it is
-            raise
-
-
-def _fill(path: Path, source: Path) -> None:
-    """Move all into an empty folder: it may be one that somebody stands in."""
-    moved = []
-    try:
-        for part in sorted(source.iterdir()):
-            moved.append(path / part.name)
-            part.rename(moved[-1])
-        source.rmdir()
-    except BaseException:
-        for part in moved:
-            if part.is_dir():
-                shutil.rmtree(part, ignore_errors=True)
-            else:
-                part.unlink(missing_ok=True)
-        raise
+    with new_folder(path) as unfinished:
+        write_models(unfinished / "models", models, infos or {})
+        write_models(unfinished / "models_eval", models_eval or models, infos or {})
+        writer = _Writer(unfinished, set(models), depth_scale, silhouettes)
+        about = ABOUT.format(Path(os.path.realpath(path)).name)
+        for name, views in splits.items():
+            images, objects = writer.write_split(name, views)
+            scenes = {image["scene_id"] for image in images}
+            about += f"| {name} | {len(scenes)} | {len(images)} |\n"
+            if name == targets:
+                _write_json(unfinished / TARGETS, objects)
+                _write_json(unfinished / IMAGES, images)
+        write_bytes(unfinished / "dataset_info.md", about.encode())
 
 
 class _Writer:

@@ -26,9 +26,9 @@ __all__ = ["add_evaluate", "evaluate"]
 
 DESCRIPTION = """Measure estimated poses against ground truth with every metric of the field.
 Estimates are a CSV file in the BOP format (scene_id,im_id,obj_id,score,R,t,time; millimetres);
-ground truth is such a file too, or bop:PATH or linemod:PATH, the folder of a dataset. A pose that
-was not estimated counts as wrong; of an image with n instances of an object the n surest estimates
-are taken."""
+ground truth is such a file too, or bop:PATH, linemod:PATH or hmdpose:PATH, the folder of a dataset.
+A pose that was not estimated counts as wrong; of an image with n instances of an object the n
+surest estimates are taken."""
 CURVE_ENDINGS = (".png", ".pdf", ".svg")
 
 
@@ -40,7 +40,9 @@ def add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     command.set_defaults(command=evaluate)
     command.add_argument("estimates", metavar="ESTIMATES.csv")
     command.add_argument(
-        "ground_truth", metavar="GROUND_TRUTH", help="a CSV file, bop:PATH or linemod:PATH"
+        "ground_truth",
+        metavar="GROUND_TRUTH",
+        help="a CSV file, bop:PATH, linemod:PATH or hmdpose:PATH",
     )
     command.add_argument("--split", help="of a dataset: which part, if there are several")
     command.add_argument("--targets", metavar="FILE", help="with bop:PATH: test_targets_bop19.json")

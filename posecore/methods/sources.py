@@ -1,4 +1,4 @@
-"""The data that a command is given: tabletop, bop:PATH or linemod:PATH."""
+"""The data that a command is given: a world, or the folder of a dataset."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from posecore.methods.notes import note
 
 __all__ = ["SOURCE", "open_source"]
 
-SOURCE = "tabletop, bop:PATH or linemod:PATH"
+SOURCE = "headset, tabletop, categories, bop:PATH, linemod:PATH or hmdpose:PATH"
 """What `--data` may be, for its help."""
 
 

@@ -23,7 +23,7 @@ from posecore.metrics.pose_table import PoseTable
 __all__ = ["Truth", "kind_of", "read_truth"]
 
 WIDTH = 640.0  # pixels, of BOP's thresholds on MSPD, which grow with the images
-DATASETS = ("bop", "linemod")
+DATASETS = ("bop", "linemod", "hmdpose")
 
 
 class Truth(NamedTuple):
@@ -53,7 +53,7 @@ def read_truth(options: argparse.Namespace) -> Truth:
 
 
 def kind_of(source: str) -> str | None:
-    """The layout of a dataset, bop or linemod; None for a file."""
+    """The layout of a dataset, one of `DATASETS`; None for a file."""
     kind, colon, _ = source.partition(":")
     return kind if colon and kind in DATASETS else None
 
@@ -62,9 +62,12 @@ def _from_dataset(options: argparse.Namespace, kind: str) -> Truth:
     if options.camera:
         fail("--camera", f"nothing, as every image of {kind}:PATH has a camera", options.camera)
     choices = {"rotations": options.rotations}
-    if kind == "bop":
+    if kind == "hmdpose":
+        if choices.pop("rotations") != "project":
+            fail("--rotations", "project, as hmdpose:PATH has quaternions", options.rotations)
+    elif kind == "bop":
         choices["targets"] = options.targets
-    elif options.targets:
+    if kind != "bop" and options.targets:
         fail("--targets", "nothing, as the ground truth is no bop:PATH", options.targets)
     with _called("path", "GROUND_TRUTH"):
         dataset = data_tools.open(options.ground_truth, split=options.split, **choices)
@@ -106,6 +109,8 @@ def _width_of(dataset: Dataset, kind: str) -> float:
     """Of the images, in pixels."""
     if kind == "linemod":
         return float(dataset[0].shape[1])
+    if kind == "hmdpose":
+        return float(dataset.cameras["centre"].width)
     path = dataset.path / "camera.json"
     if has_file(path):
         return _read_camera(path, "width")[0]
@@ -147,7 +152,7 @@ def _models(folder: str) -> Models:
 
 def _from_files(options: argparse.Namespace) -> Truth:
     if not Path(options.ground_truth).exists() and Path(options.ground_truth).suffix != ".csv":
-        expected = "a CSV file that is there, bop:PATH or linemod:PATH"
+        expected = "a CSV file that is there, bop:PATH, linemod:PATH or hmdpose:PATH"
         fail("GROUND_TRUTH", expected, repr(options.ground_truth))
     if not options.models:
         fail("--models", "a folder of models", "none")
