@@ -1597,13 +1597,14 @@ assert vase.symmetric and not drill.symmetric and not teapot_model.symmetric
 
 # %%
 tables, recipe = training.stack("easy"), training.recipe()
-size, zoom = choose(tiny=64, book=64, paper=256), training.size()[0] / tables.size[0]
+image_size = recipe.image_size(tables)
+size, zoom = choose(tiny=64, book=64, paper=256), image_size[0] / tables.size[0]
 windows = batches.RandomCrops(
     tables, training.OBJECTS, size=size, zoom=zoom, augment=recipe.augment
 )
-batch = next(iter(batches.Batches(windows.draw, seed=1, count=16)))
+batch = next(iter(batches.Batches(windows.draw, batch_size=16, seed=1)))
 assert batch["rgb"].shape == (16, 3, size, size)
-print(f"images of {training.size()}, windows of {size} x {size}")
+print(f"images of {image_size}, windows of {size} x {size}")
 
 # %% [markdown]
 # A batch has for each window the picture, the camera, and a row for each of its objects (of -1 where
@@ -1725,7 +1726,7 @@ pool = batches.CropPool(windows, batches=choose(tiny=4, book=64, paper=64), coun
 stages = {"at first": look_at_all(trial)}
 history = fit(
     trial,
-    batches.Batches(pool.draw, steps=steps, seed=0, count=count),
+    batches.Batches(pool.draw, batch_size=count, steps=steps, seed=0),
     Objective(three, losses.VectorFieldLoss(warmup=0.15, ignore_reversed=True)),
     steps=steps,
     **recipe.fit_field,  # learning rate, optimiser, schedule
@@ -1930,7 +1931,7 @@ looks.pose(rgb, K, drawn, f"Boxes are around what was found: {known}.")
 from book.ch08_vector_fields import comparison
 from posecore.methods.outcomes import outcomes, recall, recall_by
 
-found = comparison.run(opepl, "easy")  # (view, object id) -> estimate
+found = comparison.estimate_split(opepl, "easy")  # (view, object id) -> estimate
 pairs = {"all alike": {}, "weighed": {}}
 for (view, number), one in found.items():
     pose = solve(model_of[number], one.keypoints, training.camera("easy", view))
@@ -2153,7 +2154,7 @@ assert np.isclose(hit.mean(), library)
 
 # %%
 opepl_r = training.recipe().system("OPEPL-R", net, three, refiner)
-refined = {split: comparison.run(opepl_r, split) for split in comparison.SPLITS}
+refined = {split: comparison.estimate_split(opepl_r, split) for split in comparison.SPLITS}
 systems = {
     "OPEPL": lambda one: one.first,
     "OPEPL-R": lambda one: (one.R, one.t),

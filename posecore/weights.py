@@ -27,8 +27,12 @@ def digest(weights: Mapping[str, Tensor]) -> str:
 
 
 def pack(weights: Mapping[str, Tensor]) -> bytes:
-    """The bytes of a safetensors file that holds the digest of its tensors, for `unpack`."""
-    kept = {name: tensor.detach().cpu().contiguous() for name, tensor in weights.items()}
+    """The bytes of a safetensors file that holds the digest of its tensors, for `unpack`.
+
+    The same tensors are the same bytes. Tied weights are written once for each of their names.
+    """
+    # Copies of their own: tied weights share memory, which the format refuses.
+    kept = {name: tensor.detach().cpu().contiguous().clone() for name, tensor in weights.items()}
     return safetensors.torch.save(kept, {DIGEST: digest(kept)})
 
 

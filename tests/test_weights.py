@@ -87,6 +87,12 @@ def test_two_of_the_same_digest_are_the_same_to_the_bit(a: list[float], b: list[
 # Files --------------------------------------------------------------------------------------------
 
 
+def test_tied_weights_are_written_once_for_each_name() -> None:
+    one = torch.arange(6.0).reshape(2, 3)
+    found = unpack(pack({"one": one, "tied": one, "part": one[1:]}))
+    assert torch.equal(found["tied"], one) and torch.equal(found["part"], one[1:])
+
+
 def test_a_file_holds_the_digest_of_its_tensors_and_any_reader_reads_it(tmp_path) -> None:
     data = pack(NET | {"turned": NET["layer.weight"].T})
     assert pack(NET | {"turned": NET["layer.weight"].T}) == data

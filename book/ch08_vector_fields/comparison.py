@@ -21,7 +21,7 @@ from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.methods.vector_field.recipe import Recipe
 from posecore.methods.vector_field.refinement import FieldRefiner
 from posecore.methods.vector_field.refiner_training import RefinerTraining
-from posecore.methods.vector_field.systems import SYSTEMS, Estimate, VectorFieldSystem
+from posecore.methods.vector_field.systems import SYSTEMS, Estimate, VectorFieldSystem, is_refined
 from posecore.methods.vector_field.voting import VoteOptions
 from posecore.registration import pnp
 from posecore.scale import choose
@@ -37,10 +37,10 @@ __all__ = [
     "chosen_pose",
     "compare_losses",
     "compare_systems",
-    "judged",
+    "estimate_split",
+    "evaluate",
     "new_refiner",
     "recipe_of",
-    "run",
     "train_refiner",
     "trained",
     "visible_bin",
@@ -66,11 +66,13 @@ Pose = tuple[np.ndarray, np.ndarray]
 Found = dict[tuple[int, int], Estimate]
 
 
-def run(system: VectorFieldSystem, split: str) -> Found:
-    """What a system says of a split, by view and object; of an object that is seen there twice the
-    surer estimate."""
+def estimate_split(system: VectorFieldSystem, split: str) -> Found:
+    """A system's estimates for a split, by view and object.
+
+    Of several estimates of one object in one view, the one with the highest score counts.
+    """
     found: Found = {}
-    for views, batch in _looks(split):
+    for views, batch in _frames(split):
         for estimate in system.estimate(batch["rgb"], batch["K"]):
             key = int(views[estimate.image]), estimate.object_id
             if key not in found or estimate.score > found[key].score:
@@ -79,26 +81,26 @@ def run(system: VectorFieldSystem, split: str) -> Found:
 
 
 def compare_losses(seed: int) -> dict[Key, float]:
-    """One network for each of `LOSSES`, the same windows for all; percentages right."""
+    """Recall, in percent, of one network for each of `LOSSES`, trained on the same windows."""
     values = {}
     for name in LOSSES:
         net = trained(name, seed)
         system = training.recipe().system("OPEPL", net, training.models())
         for split in SPLITS:
-            found = run(system, split)
-            values |= _shares(name, split, judged(split, _poses(found)))
+            found = estimate_split(system, split)
+            values |= _shares(name, split, evaluate(split, _poses(found)))
             if name == "pixel":
-                values |= _shares("plain PnP", split, judged(split, _plain(found, split)))
+                values |= _shares("plain PnP", split, evaluate(split, _plain(found, split)))
                 lines = VectorFieldSystem(net, training.models(), voting=VoteOptions(fit="lines"))
-                other = run(lines, split)
-                values |= _shares("lines", split, judged(split, _poses(other)))
+                other = estimate_split(lines, split)
+                values |= _shares("lines", split, evaluate(split, _poses(other)))
     return values
 
 
 def compare_systems(seed: int) -> dict[Key, float]:
-    """OPEPL, -R and -DR with the same network and the same refiner; and one that learnt by chance.
+    """Recall of OPEPL, -R and -DR with one network and one refiner, and with a second refiner.
 
-    That one has never begun with poses of the system itself.
+    The second was trained from perturbed true poses only, and on none of the system's own.
     """
     net = trained("pixel", seed)
     steps = choose(**REFINER_STEPS)
@@ -114,13 +116,13 @@ def compare_systems(seed: int) -> dict[Key, float]:
     values = {}
     everything: dict[str, list[Outcome]] = {name: [] for name in SYSTEMS}
     for split in SPLITS:
-        found = run(system, split)
+        found = estimate_split(system, split)
         for name in SYSTEMS:
             chosen = {key: chosen_pose(name, estimate) for key, estimate in found.items()}
-            done = judged(split, chosen)
+            done = evaluate(split, chosen)
             values |= _shares(name, split, done)
             everything[name] += done.values()
-        values |= _shares("by chance", split, judged(split, _poses(run(other, split))))
+        values |= _shares("by chance", split, evaluate(split, _poses(estimate_split(other, split))))
         threshold = training.recipe().threshold
         large = [estimate.overlap > threshold for estimate in found.values()] or [False]
         values[Key("OPEPL-DR", split, "refined")] = 100 * float(np.mean(large))
@@ -132,8 +134,8 @@ def compare_systems(seed: int) -> dict[Key, float]:
     return values
 
 
-def judged(split: str, poses: Mapping[tuple[int, int], Pose]) -> dict[tuple[int, int], Outcome]:
-    """What became of the three objects of a split, by view and object."""
+def evaluate(split: str, poses: Mapping[tuple[int, int], Pose]) -> dict[tuple[int, int], Outcome]:
+    """The poses of a split compared with the truth, by view and object."""
     return outcomes(training.stack(split), training.models(), poses)
 
 
@@ -151,10 +153,8 @@ def visible_key(system: str, low: float, high: float) -> Key:
 
 
 def chosen_pose(system: str, estimate: Estimate) -> Pose:
-    """What a system says, told by an estimate of OPEPL-R, which has the pose of before, too."""
-    when = SYSTEMS[system]
-    large = estimate.overlap > training.recipe().threshold
-    if when == "always" or (when == "overlap" and large):
+    """The pose of a system, from an estimate of OPEPL-R, which keeps the unrefined pose, too."""
+    if is_refined(SYSTEMS[system], estimate.overlap, training.recipe().threshold):
         return estimate.R, estimate.t
     return estimate.first
 
@@ -175,12 +175,12 @@ def train_refiner(
     steps: int,
     keep: bool = True,
 ) -> FieldRefiner:
-    """A refiner for a network that is trained, which stays as it is.
+    """Train a refiner on the predictions of a frozen network.
 
     Args:
-        net: says the fields.
-        own: whether half of the poses to begin with are those that the system itself finds. All
-            others are true ones made wrong by chance.
+        net: predicts the fields.
+        own: whether half of the initial poses are those that the system itself finds. All others
+            are true poses, perturbed at random.
         seed: of weights and of chance.
         steps: of 64 objects.
         keep: whether a training that was stopped goes on, and a finished one is found again.
@@ -217,7 +217,7 @@ def train_refiner(
 
 @lru_cache(maxsize=8)
 def trained(name: str, seed: int) -> VectorFieldNet:
-    """The network of a loss and a seed."""
+    """The network trained with one of `LOSSES` and a seed."""
     return training.train_net(recipe_of(name), seed=seed)[0]
 
 
@@ -228,7 +228,7 @@ def recipe_of(name: str) -> Recipe:
     return replace(training.recipe(), **changes)
 
 
-def _looks(split: str) -> Iterator[tuple[Tensor, dict[str, Tensor]]]:
+def _frames(split: str) -> Iterator[tuple[Tensor, dict[str, Tensor]]]:
     for views in torch.arange(len(training.stack(split))).split(10):
         yield views, training.frames(split, views)
 

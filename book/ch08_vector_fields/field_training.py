@@ -37,7 +37,6 @@ __all__ = [
     "models",
     "new_net",
     "recipe",
-    "size",
     "stack",
     "train_net",
     "true_fields",
@@ -66,22 +65,18 @@ def models() -> list[ObjectModel]:
     return object_models(data_tools.open("tabletop", split="easy").models(), OBJECTS)
 
 
-def size() -> tuple[int, int]:
-    """Width and height of the images that networks look at.
+def frames(split: str, views: Tensor) -> batches.Batch:
+    """Images of a split, resized to the networks' input size, with their labels.
 
-    At book scale they are smaller than those of the world: a window of as much of the scene teaches
+    At book scale that is smaller than the world's images: a window of as much of the scene teaches
     as much, at half the cost.
     """
-    return recipe().image_size(stack("easy"))
-
-
-def frames(split: str, views: Tensor) -> batches.Batch:
-    """Images of a split in the size that networks look at, and all that is known of them."""
-    return stack(split).frames(views, size())
+    data = stack(split)
+    return data.frames(views, recipe().image_size(data))
 
 
 def true_fields(batch: batches.Batch, known: Sequence[ObjectModel]) -> FieldTargets:
-    """The field of some objects in images, at all of their pixels, as the ground truth has it."""
+    """The true field of some objects in images, at all of their pixels."""
     return field_targets(
         batch,
         np.stack([model.keypoints for model in known]),
@@ -94,7 +89,7 @@ def true_fields(batch: batches.Batch, known: Sequence[ObjectModel]) -> FieldTarg
 def camera(split: str, view: int) -> np.ndarray:
     """Camera matrix (3, 3) of such an image."""
     data = stack(split)
-    return resize_intrinsics(data.K[view].numpy(), data.size, size())
+    return resize_intrinsics(data.K[view].numpy(), data.size, recipe().image_size(data))
 
 
 def new_net(seed: int = 0) -> VectorFieldNet:
@@ -104,7 +99,7 @@ def new_net(seed: int = 0) -> VectorFieldNet:
 
 @lru_cache(maxsize=1)
 def crops(background_fraction: float = 0.0) -> batches.RandomCrops | batches.CropPool:
-    """What trainings draw their windows from: each object that is seen in `train` about 16 times.
+    """The pool of random crops of the trainings: each object seen in `train` about 16 times.
 
     Args:
         background_fraction: as for `RandomCrops`.

@@ -55,15 +55,16 @@ def measure_speed(seed: int) -> dict[Key, float]:
     shown = torch.bincount(data.view[rows], minlength=len(data))
     views = shown.argsort(descending=True, stable=True)[seed % 3 :: 3]
     views = views[: choose(tiny=2, book=20, paper=50)]
+    usual = training.recipe().image_size(data)
     values = {}
     for count in range(1, 1 + len(known)):
         system = training.recipe().system("OPEPL", part_of(net, count), known[:count])
-        for size in (training.size(), *LARGER):
+        for size in (usual, *LARGER):
             batches = [data.frames(view[None], size) for view in views]
-            timed = _of_an_image if size == training.size() else _of_a_larger_image
+            timed = _of_an_image if size == usual else _of_a_larger_image
             times = [timed(system, batch) for batch in (batches[0], *batches)]
             times = 1000 * np.median(times[1:], axis=0)  # the first call sets things up
-            group = "" if size == training.size() else f"{size[0]} x {size[1]}"
+            group = "" if size == usual else f"{size[0]} x {size[1]}"
             values[time_key(count, group=group)] = float(times[0])
             for stage, spent in zip(STAGES, times[1:], strict=True):
                 values[time_key(count, stage, group)] = float(spent)

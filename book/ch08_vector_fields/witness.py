@@ -36,8 +36,8 @@ def witness_losses(seed: int) -> dict[str, object]:
     system = VectorFieldSystem(comparison.trained("pixel", seed), training.models())
     for split in comparison.SPLITS:
         # The whole road of `compare_losses`, with these fields in place of a network's.
-        chosen = comparison.run(_Given(system, split, seed), split)
-        done = comparison.judged(split, comparison._poses(chosen))
+        chosen = comparison.estimate_split(_Given(system, split, seed), split)
+        done = comparison.evaluate(split, comparison._poses(chosen))
         shares = comparison._shares("given fields", split, done)
         found |= {f"shares, {key}": value for key, value in shares.items()}
         views, batch, fields = _noisy_fields(split, seed)
@@ -56,7 +56,7 @@ def witness_losses(seed: int) -> dict[str, object]:
 
 
 def witness_systems(seed: int) -> dict[str, object]:
-    """Digests of the refiners' weights, and errors of what each system makes of noisy fields."""
+    """Digests of the refiners' weights, and pose errors of each system on noisy fields."""
     net = comparison.trained("pixel", seed)
     steps = comparison.choose(**comparison.REFINER_STEPS)
     found: dict[str, object] = {}
@@ -109,7 +109,7 @@ def _noisy_fields(
 
 
 def _errors(name: str, split: str, poses: dict) -> dict[str, object]:
-    done = comparison.judged(split, poses).values()
+    done = comparison.evaluate(split, poses).values()
     here = [one for one in done if np.isfinite(one.add)]
     return {
         f"{name}, found": len(here),

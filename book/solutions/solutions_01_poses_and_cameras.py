@@ -37,7 +37,6 @@ from book.ch01_poses_and_cameras import checks
 from book.tools.checks import use
 from book.tools.syntax import forgive_syntax
 from posecore import figures, metrics, poses, rotations
-from posecore.figures.style import COLOURS
 
 forgive_syntax()  # a cell that is no Python says so, and the page goes on
 rng = np.random.default_rng(0)
@@ -346,17 +345,19 @@ degrees = np.arange(91)
 turns = rotations.axis_angle_to_matrix(np.deg2rad(degrees)[:, None] * np.array([0, 0, 1]))
 still = np.zeros(3)
 curve = [add_symmetric_here(turn, still, *truth, tile, symmetries) for turn in turns]
-figure = figures.Picture(figsize=(6.4, 3.6), layout="constrained")
-figure.alt = "ADD rises to 57 mm; with symmetries to 31 mm and falls again; ADD-S stays at 3 mm"
-axes = figure.subplots()
-axes.set_prop_cycle(color=COLOURS[:3])
-axes.plot(degrees, 1000 * metrics.add(turns, still, *truth, tile), ":", label="ADD")
-axes.plot(degrees, 1000 * np.array(curve), "-", label="ADD, best symmetry")
-axes.plot(degrees, 1000 * metrics.add_s(turns, still, *truth, tile), "--", label="ADD-S")
-axes.axhline(100 * tile_diameter, color="black", linewidth=0.8, label="0.1 d")
-axes.set(xlabel="turn about the tile's axis, degrees", ylabel="error, mm", xticks=degrees[::15])
-axes.legend()
-figure
+figures.chart(
+    {
+        "ADD": 1000 * metrics.add(turns, still, *truth, tile),
+        "ADD, best symmetry": 1000 * np.array(curve),
+        "ADD-S": 1000 * metrics.add_s(turns, still, *truth, tile),
+    },
+    x=degrees,
+    level={"0.1 d": 100 * tile_diameter},
+    xlabel="turn about the tile's axis, degrees",
+    ylabel="error, mm",
+    xticks=degrees[::15],
+    alt="ADD rises to 57 mm; with symmetries to 31 mm and falls again; ADD-S stays at 3 mm",
+)
 
 # %% [markdown] tags=["solution"]
 # **Discussion.** The order of the two steps matters. The minimum over symmetries *inside* the mean

@@ -74,17 +74,16 @@ to_orthogonal = torch.linalg.matrix_norm(M - U @ Vh)
 to_rotation = torch.linalg.matrix_norm(M - checks.nearest_rotation(M))
 
 # %%
-figure = figures.Picture(figsize=(5.2, 4.2), layout="constrained")
-figure.alt = "Distances of random matrices: half of them lie on the diagonal, the mirrors above it"
-axes = figure.subplots()
-axes.axline((1, 1), slope=1, color="0.7", linewidth=1)
-rows = ((~mirrors, "o", "U Vᵀ is a rotation"), (mirrors, "^", "U Vᵀ mirrors"))
-for colour, (some, marker, label) in zip(COLOURS[:2], rows, strict=True):
-    look = {"linestyle": "", "markersize": 4, "markerfacecolor": "none", "color": colour}
-    axes.plot(to_orthogonal[some], to_rotation[some], marker, label=label, **look)
-axes.set(xlabel="distance from M to U Vᵀ", ylabel="distance from M to the rotation, expected")
-axes.legend()
-figure
+rows = {"U Vᵀ is a rotation": ~mirrors, "U Vᵀ mirrors": mirrors}
+figures.chart(
+    {"_the same": (to_orthogonal, to_orthogonal)},
+    marks={label: (to_orthogonal[some], to_rotation[some]) for label, some in rows.items()},
+    looks={label: {"ms": 4, "mfc": "none"} for label in rows} | {"_the same": {"color": "0.7"}},
+    xlabel="distance from M to U Vᵀ",
+    ylabel="distance from M to the rotation, expected",
+    size=(5.2, 4.2),
+    alt="Distances of random matrices: half of them lie on the diagonal, the mirrors above it",
+)
 
 
 # %%
@@ -234,14 +233,15 @@ assert max(min(errors) for errors in off.values()) < 1e-6
 # must be smaller still.
 
 # %%
-figure = figures.Picture(figsize=(6.4, 3.6), layout="constrained")
-figure.alt = "Disagreement over the step: four curves with a valley near steps of 1e-6 to 1e-5"
-axes = figure.subplots()
-for (name, errors), colour, style in zip(off.items(), COLOURS, STYLES, strict=False):
-    axes.loglog(h, errors, style, color=colour, label=name)
-axes.set(xlabel="step h", ylabel="differences minus gradient, norm")
-axes.legend()
-figure
+figures.chart(
+    off,
+    x=h,
+    log="xy",
+    xlabel="step h",
+    ylabel="differences minus gradient, norm",
+    size=(6.4, 3.6),
+    alt="Disagreement over the step: four curves with a valley near steps of 1e-6 to 1e-5",
+)
 
 # %% [markdown]
 # And autograd, through `torch.linalg.svd`? At the identity all singular values are equal. At our
@@ -541,19 +541,23 @@ def spreads(mean):
 def draw_spreads(found, alt):
     """The spreads over the angle of the true rotation, and the band that is asked for."""
     best = torch.rad2deg(torch.stack([checks.least_spread(R) for R in near]))
-    figure = figures.Picture(figsize=(7.4, 3.8), layout="constrained")
-    figure.alt = alt
-    axes = figure.subplots()
-    axes.fill_between(degrees, best, 1.05 * best, color="0.6", label="expected")
-    styles = (*STYLES, (0, (5, 1, 1, 1, 1, 1)))
-    for look, colour, (name, values) in zip(styles, COLOURS, found.items(), strict=False):
-        axes.plot(degrees, values, color=colour, linestyle=look, label=name)
-    axes.set(xlabel="angle of the true rotation, degrees", xticks=range(0, 181, 30))
-    axes.set(ylabel="r.m.s. angle to the predictions, degrees", yscale="log", ylim=(12, 200))
-    axes.set_yticks([15, 20, 30, 50, 100, 180], labels=[15, 20, 30, 50, 100, 180])
-    axes.minorticks_off()
-    axes.legend(loc="upper left", fontsize=9, framealpha=1)
-    return figure
+    dashes = (*STYLES, (0, (5, 1, 1, 1, 1, 1)))
+    looks = {name: {"ls": style} for name, style in zip(found, dashes, strict=False)}
+    return figures.chart(
+        found,
+        x=degrees,
+        bands={"expected": (best, 1.05 * best)},
+        looks=looks | {"expected": {"color": "0.6", "alpha": 1}},
+        log="y",
+        xlabel="angle of the true rotation, degrees",
+        ylabel="r.m.s. angle to the predictions, degrees",
+        xticks=range(0, 181, 30),
+        yticks=[15, 20, 30, 50, 100, 180],
+        ylim=(12, 200),
+        legend={"loc": "upper left", "framealpha": 1},
+        size=(7.4, 3.8),
+        alt=alt,
+    )
 
 
 # %%

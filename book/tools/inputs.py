@@ -23,7 +23,7 @@ __all__ = ["inputs", "stale_inputs"]
 
 
 def inputs(nb: NotebookNode, page: Page, book: Path) -> dict[str, Any]:
-    """What an executed page keeps of them.
+    """The inputs of a page, as are stored with its outputs.
 
     Args:
         nb: the page.

@@ -25,7 +25,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import safetensors.torch
 import torch
 from torch import Tensor
 
@@ -259,9 +258,8 @@ def _packed(name: str, tensors: Any) -> bytes:
         if not torch.isfinite(tensor).all():
             count = int((~torch.isfinite(tensor)).sum())
             fail(f"{name}[{key!r}]", "finite weights", f"{count} that are not")
-        # A copy of its own: tied weights share memory, which the format refuses.
-        kept[key] = tensor.detach().cpu().contiguous().clone()
-    data = safetensors.torch.save(kept)
+        kept[key] = tensor.detach().cpu()
+    data = weights.pack(kept)
     if len(data) > LARGEST:
         fail(name, f"at most {LARGEST / 1e6:g} MB", f"{len(data) / 1e6:.2f} MB")
     back = weights.parse(data)

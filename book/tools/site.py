@@ -17,6 +17,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import hashlib
+import html
 import os
 import re
 import shutil
@@ -46,6 +47,10 @@ PARTS = ("exercises", "solutions")
 SUFFIXES = {"image/png": ".png", "image/jpeg": ".jpeg", "image/svg+xml": ".svg"}
 # Code comes first: what looks like a link inside it is none.
 LINK = re.compile(r"(`+).+?\1|\[[^\]]*\]\((?P<to>[^)\s]+)\)", re.S)
+# A figure of `posecore.figures`, as notebooks keep it.
+FIGURE = re.compile(
+    r'<img alt="(?P<alt>[^"]*)" src="data:(?P<kind>image/(?:png|jpeg));base64,(?P<data>[^"]*)">'
+)
 EMPTY_HEADER = re.compile(r"<th\b([^>]*)>\s*(?:<p>\s*</p>)?\s*</th>")
 UNFINISHED = ".site-"
 ALIVE = "alive"  # a file that a build has locked until it ends
@@ -260,23 +265,33 @@ class _Stage:
             data = output.get("data", {})
             if data.pop(WIDGET_VIEW, None) and not set(data) - {"text/plain"}:
                 continue  # a slider or a progress bar, which nothing on the site would move
-            kind = next((kind for kind in SUFFIXES if kind in data), None)
-            if kind and "text/html" not in data:
-                alt = output.get("metadata", {}).get(kind, {}).get("alt", "").strip()
-                if not alt:
+            if found := _stored_picture(output):
+                kind, content, alt = found
+                if not alt.strip():
                     raise ValueError("a picture without alt text")
-                picture = self._picture(data[kind], kind)
+                picture = self._picture(content, kind)
                 output = nbformat.v4.new_output(
                     "display_data", {"text/markdown": f"![{_escape(alt)}]({picture})"}
                 )
             yield output
 
-    def _picture(self, content: str | list[str], kind: str) -> str:
-        text = "".join(content)
+    def _picture(self, text: str, kind: str) -> str:
         encoded = text.encode() if kind == "image/svg+xml" else base64.b64decode(text)
         name = f"pictures/{hashlib.sha256(encoded).hexdigest()[:16]}{SUFFIXES[kind]}"
         (self.source / name).write_bytes(encoded)
         return f"/{name}"
+
+
+def _stored_picture(output: NotebookNode) -> tuple[str, str, str] | None:
+    """What an output is a picture of: its MIME type, its content and its alt text."""
+    data = output.get("data", {})
+    if figure := FIGURE.fullmatch("".join(data.get("text/html", ""))):
+        return figure["kind"], figure["data"], html.unescape(figure["alt"])
+    kind = next((kind for kind in SUFFIXES if kind in data), None)
+    if kind is None or "text/html" in data:
+        return None
+    alt = output.get("metadata", {}).get(kind, {}).get("alt", "")
+    return kind, "".join(data[kind]), alt
 
 
 def _copy_mathjax(target: Path) -> None:

@@ -1,4 +1,4 @@
-"""What is varied from one look at an image to the next."""
+"""Random augmentation: how images are varied each time they are drawn."""
 
 from __future__ import annotations
 

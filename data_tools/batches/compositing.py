@@ -1,4 +1,4 @@
-"""What is put behind and in front of objects: other images, random patterns and shapes.
+"""Other backgrounds and occluders: from other images, random patterns and shapes.
 
 All functions change one cut-out image in place. In `instance` a pixel has the object that is seen,
 or NONE, or OUTSIDE where the image that it was cut from had no pixel.
@@ -13,7 +13,7 @@ import numpy as np
 
 from data_tools.batches.decoding import NONE, OUTSIDE
 
-__all__ = ["Layers", "add_occluder", "put_behind"]
+__all__ = ["Layers", "add_occluder", "replace_background"]
 
 PATTERN_PROBABILITY = 0.3  # of the new backgrounds are patterns, the others come from other images
 CUTOUT_PROBABILITY = 0.5  # of the occluders are what another image shows, if that is allowed
@@ -34,10 +34,10 @@ class Layers:
         return Layers(colours, depth, self.instance.copy())
 
 
-def put_behind(
+def replace_background(
     image: Layers, other: Layers | None, only_outside: bool, rng: np.random.Generator
 ) -> None:
-    """Replace all that is no object.
+    """Replace the background, which is every pixel of no object.
 
     What comes from another image keeps its relief, and its median depth becomes up to half more
     than that of the objects. Where the other image shows an object, there is a pattern.

@@ -1,4 +1,4 @@
-"""From views to what is kept of them: a table, and images of few bytes."""
+"""Views decoded for the cache: into a table, and images of few bytes."""
 
 from __future__ import annotations
 

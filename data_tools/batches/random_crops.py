@@ -138,7 +138,7 @@ class CropPool:
 
     @cached_property
     def _all(self) -> dict[str, Tensor]:
-        drawn = Batches(self.crops.draw, seed=self.seed, steps=self.batches, count=self.count)
+        drawn = Batches(self.crops.draw, batch_size=self.count, seed=self.seed, steps=self.batches)
         parts = [_small(batch) for batch in drawn]
         # One kind of tensor after the other, so that never all of them are there twice.
         return {name: torch.cat([part.pop(name) for part in parts]) for name in KEYS}

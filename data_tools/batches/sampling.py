@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from data_tools.batches.augmentation import Augmentation, Draws
-from data_tools.batches.compositing import Layers, add_occluder, put_behind
+from data_tools.batches.compositing import Layers, add_occluder, replace_background
 from data_tools.batches.decoding import NONE, OUTSIDE
-from data_tools.batches.sensing import degrade_depth, see
+from data_tools.batches.sensing import degrade_depth, simulate_sensor
 from data_tools.batches.table import Table
 from data_tools.batches.warps import resample, turned_crop
 from posecore.arrays import fail
@@ -70,7 +70,7 @@ def make_batch(
     for kind in layers[0].colours:
         shape = layers[0].colours[kind].shape
         colours = np.empty((len(views), *shape), np.float32)
-        each(lambda i, k=kind, out=colours: see(layers[i].colours[k], draws, i, out[i]))
+        each(lambda i, k=kind, out=colours: simulate_sensor(layers[i].colours[k], draws, i, out[i]))
         batch[kind] = torch.from_numpy(colours).permute(0, 3, 1, 2)
     if layers[0].depth is not None:
         metres = np.stack([layer.depth for layer in layers]) * np.float32(stack.depth_step)
@@ -149,7 +149,7 @@ def _compose(
         other = layers[partner] if partner != index else None
         rng = np.random.default_rng(draws.seed[index, 0])
         if augment.background:
-            put_behind(result, other, not draws.background[index], rng)
+            replace_background(result, other, not draws.background[index], rng)
         labelled = range(first[index], first[index + 1])
         if draws.occluder[index] and labelled:
             target = int(rng.choice(labelled))

@@ -1,4 +1,4 @@
-"""Light, lens and sensor: from bytes to floats, and what goes wrong on the way."""
+"""Simulated light, lens and sensor: from bytes to floats, with blur, noise and holes."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 
 from data_tools.batches.augmentation import Draws
 
-__all__ = ["degrade_depth", "see", "tone_table"]
+__all__ = ["degrade_depth", "simulate_sensor", "tone_table"]
 
 LUMA_WEIGHTS = np.array([0.299, 0.587, 0.114])  # Rec. ITU-R BT.601
 NOISE_SAMPLES = 1 << 20
 SHARP = 0.25  # pixels; less blur than this cannot be seen
 
 
-def see(image: np.ndarray, draws: Draws | None, index: int, out: np.ndarray) -> None:
-    """What the sensor makes of an image.
+def simulate_sensor(image: np.ndarray, draws: Draws | None, index: int, out: np.ndarray) -> None:
+    """Simulate lens and sensor: colour, blur, tone and noise, from bytes to floats.
 
     Args:
         image: (H, W, C) uint8, three colours or one.

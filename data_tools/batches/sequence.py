@@ -20,17 +20,19 @@ class Batches:
     So the state is a few integers, and a run that was interrupted goes on bit for bit. A batch is
     either drawn by a function, or of rows that are shuffled, epoch after epoch:
 
-        drawn = Batches(crops.draw, steps=1000, seed=0, count=32)
+        drawn = Batches(crops.draw, batch_size=32, steps=1000, seed=0)
         shuffled = Batches(data.crops, rows, 64, seed=0, size=128, augment=Augmentation())
 
     To go through the data once, in order: `for part in rows.split(64): data.crops(part)`.
 
     Args:
-        make: `make(generator=..., **options)` gives a batch, with rows `make(rows, generator=...,
-            **options)`: `RandomCrops.draw`; `Stack.crops` or `frames`.
+        make: gives a batch: `make(batch_size, generator=..., **options)`, such as
+            `RandomCrops.draw`; with rows `make(rows, generator=..., **options)`, such as
+            `Stack.crops` or `frames`.
         rows: (N, ...) what is shuffled along its first dimension and cut into batches; None for
             none.
-        batch_size: rows of a batch. What is left over at the end of an epoch is not used in it.
+        batch_size: of each batch; of rows those left over at the end of an epoch are not used.
+            None, without rows, for a `make` that is told no size.
         steps: batches in all; None for no end. If it is given, a batch that is a dict also has
             "done", (), the part of the training that is behind.
         seed: of order and augmentation.
@@ -56,7 +58,7 @@ class Batches:
         if not callable(make):
             fail("make", "a function such as Stack.crops", repr(make))
         if rows is None and batch_size is not None:
-            fail("batch_size", "rows to go with it", batch_size)
+            batch_size = require_integer("batch_size", batch_size, 1)
         if rows is not None:
             if not isinstance(rows, Tensor) or rows.ndim == 0 or len(rows) == 0:
                 fail("rows", "a tensor with at least one row", repr(rows))
@@ -85,7 +87,8 @@ class Batches:
     def _batch(self) -> Any:
         generator = generator_at(self.seed, self.step)
         if self.rows is None:
-            batch = self.make(generator=generator, **self.options)
+            size = () if self.batch_size is None else (self.batch_size,)
+            batch = self.make(*size, generator=generator, **self.options)
         else:
             epoch, number = divmod(self.step, len(self.rows) // self.batch_size)
             order = torch.randperm(len(self.rows), generator=generator_at(self.seed, epoch, 1))
@@ -98,7 +101,7 @@ class Batches:
     def state_dict(self) -> dict[str, int | None]:
         """Where the next batch begins, and what that holds for, as plain integers."""
         rows = None if self.rows is None else len(self.rows)
-        sizes = {"rows": rows, "batch_size": self.batch_size, "count": self.options.get("count")}
+        sizes = {"rows": rows, "batch_size": self.batch_size}
         return {"step": self.step, "steps": self.steps, "seed": self.seed} | sizes
 
     def load_state_dict(self, state: dict[str, int | None]) -> None:

@@ -80,7 +80,7 @@ def widened(boxes: Array, size: tuple[int, int], margin: float) -> Array:
 def resample(
     image: np.ndarray, to_new: np.ndarray, size: tuple[int, int], fill: int | None = None
 ) -> np.ndarray:
-    """An image in other pixels.
+    """Resample an image by an affine map.
 
     Args:
         image: (H, W) or (H, W, C) of uint8 or uint16.

@@ -70,6 +70,7 @@ def draw_chart(
     ylim: tuple[float | None, float | None] | None = None,
     xticks: Ticks | None = None,
     yticks: Ticks | None = None,
+    grid: str = "both",
     legend: str | Mapping[str, Any] | None = "best",
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Draw curves into axes, each with a colour and a line of its own.
@@ -91,6 +92,7 @@ def draw_chart(
         log: which axes are logarithmic: "", "x", "y" or "xy".
         xlim, ylim: ends of the axes; None is where the curves end.
         xticks, yticks: numbers to stand at the axes, or number -> its text; no others then.
+        grid: which axes have lines across the chart: "x", "y" or "both".
         legend: its place as matplotlib has it, or a mapping of `Axes.legend`'s words; None for
             none. One curve alone has none.
 
@@ -98,10 +100,13 @@ def draw_chart(
         Label -> places and heights, as float64, of the curves.
 
     Raises:
-        ValueError: if there is nothing to draw, lengths differ, or `log` is none of the above.
+        ValueError: if there is nothing to draw, lengths differ, or `log` or `grid` is none of
+            these.
     """
     if log not in ("", "x", "y", "xy"):
         fail("log", "one of '', 'x', 'y', 'xy'", repr(log))
+    if grid not in ("x", "y", "both"):
+        fail("grid", "one of 'x', 'y', 'both'", repr(grid))
     curves = {label: _curve(f"lines[{label!r}]", one, x) for label, one in lines.items()}
     points = {label: _curve(f"marks[{label!r}]", one, None) for label, one in (marks or {}).items()}
     if not curves and not points:
@@ -131,7 +136,7 @@ def draw_chart(
     axes.set(xlabel=xlabel, ylabel=ylabel, title=title or "")
     for which, ends, ticks in (("x", xlim, xticks), ("y", ylim, yticks)):
         _scale(axes, which, which in log, ends, ticks)
-    axes.grid(alpha=0.3)
+    axes.grid(alpha=0.3, axis=grid)
     _legend(axes, legend)
     return curves
 

@@ -1,4 +1,4 @@
-"""What was measured of a method: by visibility, over a threshold, over seeds, and good and bad."""
+"""Results of a method: by visibility, over a threshold, over seeds, and a gallery of estimates."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from posecore.figures.style import (
     COLOURS,
     INK,
     MARKERS,
-    STYLES,
     Picture,
     house_style,
     new_picture,
@@ -131,7 +130,7 @@ def by_visibility(
     ylabel: str = "right, %",
     alt: str | None = None,
 ) -> Picture:
-    """What is right over the part of the object that is seen.
+    """Recall over the visible fraction of the object, in bins.
 
     Args:
         borders: (B + 1,) of the bins, parts from 0 to 1, rising.
@@ -155,22 +154,30 @@ def by_visibility(
         for name, values in means.items()
     )
     default = f"Over the part of the object that is seen, {', '.join(spans)}: {said}."
-    figure = new_picture(6.8, 3.3, alt, default)
-    axes = figure.subplots()
+    curves, seeds, looks = {}, {}, {}
     for number, (name, values) in enumerate(every.items()):
         x = np.arange(len(spans)) + 0.12 * (number - (len(every) - 1) / 2)
         look = {"color": COLOURS[number % len(COLOURS)], "marker": MARKERS[number % 4]}
-        axes.plot(x, means[name], ls=STYLES[number % 4], ms=6, label=name, **look)
+        curves[name], looks[name] = (x, means[name]), look | {"lw": 1.5, "ms": 6}
         if len(values) > 1:
-            axes.plot(x, values.T, ls="none", ms=3, alpha=0.6, **look)
+            seeds[f"_{name}"] = np.tile(x, len(values)), values.ravel()
+            looks[f"_{name}"] = look | {"ms": 3, "alpha": 0.6}
     if counts is not None:
         spans = [f"{span}\n({count})" for span, count in zip(spans, counts, strict=True)]
-    axes.set_xticks(range(len(spans)), spans)
     top = max(float(np.nanmax(values, initial=0)) for values in every.values())
-    axes.set(xlabel="visible part of the object", ylabel=ylabel, ylim=(0, 8 + 1.05 * top))
-    axes.grid(alpha=0.3, axis="y")
-    if len(every) > 1:
-        axes.legend(fontsize=9, loc="upper left")
+    figure = new_picture(6.8, 3.3, alt, default)
+    draw_chart(
+        figure.subplots(),
+        curves,
+        marks=seeds,
+        looks=looks,
+        xlabel="visible part of the object",
+        ylabel=ylabel,
+        xticks=dict(enumerate(spans)),
+        ylim=(0, 8 + 1.05 * top),
+        grid="y",
+        legend="upper left",
+    )
     return figure
 
 
@@ -184,7 +191,7 @@ def over_threshold(
     ylabel: str = "right, %",
     alt: str | None = None,
 ) -> Picture:
-    """What is right over a threshold that a method has, and the one that was chosen.
+    """Recall over a threshold of a method, and the chosen threshold.
 
     Args:
         at: (N,) thresholds, rising.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
 from collections.abc import Callable
 from functools import wraps
@@ -65,7 +66,7 @@ class Picture(Figure):
     """A matplotlib figure that belongs to no window and says in words what it shows.
 
     The last line of a cell shows it, with or without pyplot, and so does `show()` anywhere in a
-    cell; the notebook keeps `alt` with the stored picture.
+    cell; the notebook keeps it as an <img> whose alt text is `alt`.
     """
 
     alt: str = ""
@@ -116,14 +117,14 @@ class Picture(Figure):
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> tuple[dict, dict]:
         # JupyterLab 4.6 draws image/png and image/jpeg by `renderImage` (rendermime), which takes
-        # width, height, unconfined and needs_background from the metadata and no alt: there the
-        # <img> has none. nbconvert and our site take it from here, as JupyterLab may some day
-        # (jupyter/enhancement-proposals, issue 120). An <img alt="..."> in text/html would have one
-        # in JupyterLab too, but not in what knows no HTML (nbconvert's way to PDF drops it, and a
-        # viewer may strip it), and both forms in one notebook would double its size.
+        # no alt from the metadata (jupyter/enhancement-proposals, issue 120): there the <img> has
+        # none. It draws this HTML with its alt text, as large as the picture alone, also where the
+        # notebook is not trusted: its sanitizer lets data: in <img> pass. Both forms in one file
+        # would double its size. Readers that know no HTML have the words.
         kind, data = self.stored()
-        encoded = base64.b64encode(data).decode()
-        return {kind: encoded, "text/plain": self.alt}, {kind: {"alt": self.alt}}
+        source = f"data:{kind};base64,{base64.b64encode(data).decode()}"
+        words = html.escape(self.alt)
+        return {"text/html": f'<img alt="{words}" src="{source}">', "text/plain": self.alt}, {}
 
 
 def show_in_notebook(figure: Any) -> None:

@@ -18,7 +18,7 @@ from data_tools.views import Dataset
 from posecore.arrays import fail
 from posecore.methods.outputs import check_outputs, say_beside
 from posecore.methods.runs import Run
-from posecore.methods.sources import SOURCE, open_source
+from posecore.methods.sources import new_parser, open_source
 from posecore.metrics.pose_table import PoseTable
 from posecore.training.machine import choose_device
 
@@ -41,7 +41,7 @@ class Estimate(Protocol):
 
 
 class Estimator(Protocol):
-    """What finds poses in an image."""
+    """A pose estimator, as `estimate` calls it."""
 
     def estimate(self, images: Tensor, K: np.ndarray) -> Sequence[Estimate]:
         """The poses in `images` (1, 3, H, W) RGB float32, 0 to 1, of the camera `K` (3, 3)."""
@@ -70,14 +70,11 @@ def add_parser(
     Returns:
         Its parser, for options of its own.
     """
-    parser = methods.add_parser(name, help=summary, description=description)
-    parser.set_defaults(command=command)
+    parser = new_parser(methods, name, command, summary=summary, description=description)
     parser.add_argument("--run", required=True, help=f"folder that `train {name}` wrote")
-    parser.add_argument("--data", metavar="SOURCE", required=True, help=SOURCE)
     parser.add_argument("--split", help="which part, if there are several")
     parser.add_argument("--targets", metavar="FILE", help="with bop:PATH: test_targets_bop19.json")
     parser.add_argument("--output", metavar="FILE.csv", required=True)
-    parser.add_argument("--device", default="auto", help="default: a GPU where there is one")
     return parser
 
 
@@ -112,7 +109,7 @@ def estimate(
 def estimate_views(
     estimator: Estimator, dataset: Dataset, source: str
 ) -> tuple[PoseTable, list[float]]:
-    """What an estimator says of each view.
+    """Estimate the poses in every view, and time each image.
 
     Args:
         estimator: is given one image at a time.

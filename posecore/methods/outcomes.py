@@ -1,4 +1,4 @@
-"""What became of each object of a test, by view and object, and how many of them are right.
+"""Estimates compared with the truth, by view and object, and how many of them are right.
 
 Who is not found is wrong. Symmetric objects are measured by ADD-S, and against the nearest of the
 poses that look alike.
@@ -30,7 +30,7 @@ Key = tuple[int, int]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one object in one test image.
+    """How the estimate of one object in one test image compares with the truth.
 
     Attributes:
         object_id: which object.
@@ -65,7 +65,7 @@ def outcomes(
     found: Mapping[Key, Pose],
     visible: float = LEAST_VISIBLE,
 ) -> dict[Key, Outcome]:
-    """Estimates against the truth, of all objects that count; what is not found counts as wrong.
+    """Compare estimates with the truth, for all objects that count; a missing one is wrong.
 
     Args:
         data: the test split, in which no view holds an object of the models twice.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import data_tools
@@ -10,10 +12,37 @@ from data_tools import units
 from data_tools.views import Dataset
 from posecore.methods.notes import note
 
-__all__ = ["SOURCE", "open_source"]
+__all__ = ["new_parser", "open_source"]
 
 SOURCE = "headset, tabletop, categories, bop:PATH, linemod:PATH or hmdpose:PATH"
 """What `--data` may be, for its help."""
+
+
+def new_parser(
+    methods: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    command: Callable[[argparse.Namespace], None],
+    *,
+    summary: str,
+    description: str,
+) -> argparse.ArgumentParser:
+    """Add a method to a command, with the options of all commands that read a dataset.
+
+    Args:
+        methods: the parser's methods.
+        name: of the method.
+        command: what runs it.
+        summary: a few words.
+        description: a few sentences.
+
+    Returns:
+        Its parser, which knows `--data` and `--device`.
+    """
+    parser = methods.add_parser(name, help=summary, description=description)
+    parser.set_defaults(command=command)
+    parser.add_argument("--data", metavar="SOURCE", required=True, help=SOURCE)
+    parser.add_argument("--device", default="auto", help="default: a GPU where there is one")
+    return parser
 
 
 def open_source(

@@ -21,7 +21,7 @@ from posecore.arrays import fail, require_integer
 from posecore.command_line import lacks_memory
 from posecore.methods.notes import note
 from posecore.methods.runs import Run
-from posecore.methods.sources import SOURCE, open_source
+from posecore.methods.sources import new_parser, open_source
 from posecore.scale import SCALES, scale
 from posecore.training import fit
 from posecore.training.machine import choose_device, launched
@@ -49,9 +49,8 @@ def add_parser(
     Returns:
         Its parser, for options of its own.
     """
-    parser = methods.add_parser(name, help=summary, description=description)
-    parser.set_defaults(command=partial(_interruptible, command))
-    parser.add_argument("--data", metavar="SOURCE", required=True, help=SOURCE)
+    run = partial(_interruptible, command)
+    parser = new_parser(methods, name, run, summary=summary, description=description)
     parser.add_argument(
         "--split", help="default: train; of an own object without lists all of its images"
     )
@@ -59,7 +58,6 @@ def add_parser(
     parser.add_argument("--objects", metavar="ID", type=int, nargs="+", help="default: all")
     parser.add_argument("--scale", choices=SCALES, help="sizes; default: POSECORE_SCALE")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--device", default="auto", help="default: a GPU where there is one")
     return parser
 
 
@@ -88,7 +86,7 @@ def integer_option(name: str, value: int | None, default: int | None, low: int) 
 
 
 class Job(NamedTuple):
-    """Where a training runs, and what it is called by.
+    """How a training is run: its folder, scale, device and processes.
 
     Attributes:
         path: of the run.
@@ -174,7 +172,7 @@ class Job(NamedTuple):
 
 
 class Data(NamedTuple):
-    """What a training learns from."""
+    """The training data: images, models, and which objects."""
 
     stack: Stack
     models: ModelSet

@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import safetensors
-import safetensors.torch
 import torch
 from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
+from posecore import weights
 from posecore.arrays import fail, require_choice, require_integer
 
 __all__ = [
@@ -35,7 +34,7 @@ IMAGENET_STD = (0.229, 0.224, 0.225)
 
 
 class Maps(NamedTuple):
-    """What a ResNet sees, from fine to coarse."""
+    """The feature maps of a ResNet, from fine to coarse."""
 
     stem: Tensor  # (B, width, H/2, W/2)
     layer1: Tensor  # (B, width, H/4, W/4)
@@ -209,12 +208,12 @@ def _convolution(ins: int, outs: int, stride: int, dilation: int) -> nn.Conv2d:
 def _state_dict(path: Path) -> dict[str, Tensor]:
     try:
         if path.suffix == ".safetensors":
-            return safetensors.torch.load_file(path)
+            return weights.parse(path.read_bytes())
         state = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as e:  # whatever trips over damaged input, it is the file's fault
         words = f"{path}: {e}".splitlines()[0]
         # Of what is no such file PyTorch advises to run what is in it, or says nothing of use.
-        if not isinstance(e, OSError | RuntimeError | safetensors.SafetensorError):
+        if path.suffix != ".safetensors" and not isinstance(e, OSError | RuntimeError):
             words = f"{path}, which is none, or holds more than tensors"
         fail("path", "a file of weights, .pth or .safetensors", words)
     named = isinstance(state, dict) and all(isinstance(name, str) for name in state)

@@ -15,10 +15,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import safetensors.torch
 import torch
 from torch import Tensor, nn
 
+from posecore import weights
 from posecore.arrays import fail
 from posecore.files import require_path, write_bytes
 from posecore.training.origins import Part, difference
@@ -70,25 +70,19 @@ class Checkpoints:
         if self.folder is None or not self.writes:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
-        # Copies of their own: tied weights share memory, which the format refuses.
-        weights = safetensors.torch.save(
-            {
-                name: value.detach().cpu().contiguous().clone()
-                for name, value in self.model.state_dict().items()
-            }
-        )
+        packed = weights.pack(self.model.state_dict())
         state = {name: part.state_dict() for name, part in self.parts.items()}
         state |= {
             "settings": self.settings,
             "origins": self._constant_origins() if step else self.origins,
-            "weights": hashlib.sha256(weights).hexdigest(),
+            "weights": hashlib.sha256(packed).hexdigest(),
         }
         buffer = io.BytesIO()
         torch.save(state, buffer)
         data = buffer.getvalue()
         older = [number for number in self._steps() if number < step][:1]
         weights_file, state_file = self._files(step)
-        write_bytes(weights_file, weights)
+        write_bytes(weights_file, packed)
         write_bytes(state_file, hashlib.sha256(data).digest() + data)
         self._keep({step, *older})
 
@@ -110,7 +104,7 @@ class Checkpoints:
         steps = self._steps()
         for step in steps:
             try:
-                weights, state = self._read(step)
+                tensors, state = self._read(step)
             except (ValueError, OSError) as error:
                 onwards = "goes on from before it" if step > steps[-1] else "begins anew"
                 warnings.warn(f"{error}; training {onwards}", stacklevel=3)
@@ -121,7 +115,7 @@ class Checkpoints:
             if step:  # before the first step nothing has been made of them
                 self._require_same_origins(state.get("origins"))
             try:
-                self.model.load_state_dict(weights)
+                self.model.load_state_dict(tensors)
             except RuntimeError as error:
                 fail("resume", "a run with this model", " ".join(f"{self.folder}: {error}".split()))
             for name, part in self.parts.items():
@@ -139,7 +133,7 @@ class Checkpoints:
         packed = weights_file.read_bytes()
         if hashlib.sha256(packed).hexdigest() != state["weights"]:
             raise ValueError(f"{weights_file} is damaged")
-        return safetensors.torch.load(packed), state
+        return weights.parse(packed), state
 
     def _require_same(self, found: Mapping[str, str]) -> None:
         for name in [*self.settings, *found]:

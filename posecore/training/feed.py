@@ -14,7 +14,7 @@ __all__ = ["Feed"]
 
 
 class Feed:
-    """Gives the batch of each step, in order, and can say and be told where it stands.
+    """Gives the batch of each step, in order; its position can be saved and restored.
 
     Args:
         batches: see `fit`.

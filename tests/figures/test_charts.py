@@ -79,6 +79,13 @@ def test_gaps_markers_size_and_words():
     assert tuple(figure.get_size_inches()) == (3, 2) and figure.alt == "mine"
 
 
+@pytest.mark.parametrize("grid, expected", [("both", [1, 1]), ("x", [1, 0]), ("y", [0, 1])])
+def test_lines_across_the_chart(grid, expected):
+    _, axes = drawn({"a": X}, x=X, grid=grid)
+    lines = (axes.get_xgridlines()[0], axes.get_ygridlines()[0])
+    assert [line.get_visible() for line in lines] == expected
+
+
 def test_several_axes_of_one_figure():
     figure = new_picture(6, 3, "words")
     for axes in figure.subplots(1, 2):
@@ -94,6 +101,7 @@ def test_several_axes_of_one_figure():
         ({"a": X[:3]}, {"x": X}, "'a'"),
         ({"a": np.eye(3)}, {"x": X}, "'a'"),
         ({"a": X}, {"x": X, "log": "z"}, "log"),
+        ({"a": X}, {"x": X, "grid": "z"}, "grid"),
         ({"a": X}, {"x": X, "marks": {"m": (X, X[:2])}}, "'m'"),
         ({"a": X}, {"x": X, "bands": {"b": (X, X[:2])}}, "'b'"),
         ({"a": X}, {"x": X, "alt": " "}, "alt"),

@@ -4,13 +4,14 @@ import base64
 import io
 import subprocess
 import sys
+from html.parser import HTMLParser
 
 import matplotlib
 import matplotlib.style
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from matplotlib.colors import to_rgb
@@ -25,9 +26,38 @@ def test_a_picture_is_a_figure_that_notebooks_show_with_its_words():
     picture = style.new_picture(3, 2, "mine", "default")
     assert isinstance(picture, Figure)
     data, metadata = picture._repr_mimebundle_()
-    assert data["text/plain"] == metadata["image/png"]["alt"] == picture.alt == "mine"
-    with Image.open(io.BytesIO(base64.b64decode(data["image/png"]))) as image:
+    assert data["text/plain"] == picture.alt == "mine" and not metadata
+    kind, content = picture.stored()
+    encoded = base64.b64encode(content).decode()
+    assert data["text/html"] == f'<img alt="mine" src="data:{kind};base64,{encoded}">'
+    assert set(data) == {"text/html", "text/plain"}  # a second form would double the size
+    with Image.open(io.BytesIO(content)) as image:
         assert (image.format, image.size) == ("PNG", (300, 200))
+
+
+class _Images(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.tags = []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.tags.append(data)
+
+
+@given(st.text(st.characters(codec="utf-8", exclude_characters="\0\r")).filter(str.strip))
+@example('a "quoted" <b>word</b> & \'more\'\nin two lines &amp; "><script>')
+def test_any_words_are_the_alt_text_of_the_html(words):
+    picture = style.Picture(figsize=(1, 1))
+    picture.alt = words
+    picture.stored = lambda: ("image/png", b"content")
+    parser = _Images()
+    parser.feed(picture._repr_mimebundle_()[0]["text/html"])
+    parser.close()
+    source = "data:image/png;base64,Y29udGVudA=="
+    assert parser.tags == [("img", {"alt": words, "src": source})]
 
 
 NOTEBOOK = """
@@ -50,9 +80,10 @@ for with_pyplot in (False, True):
             result = shell.run_cell(cell)
         result.raise_error()
         for output in captured.outputs:
-            assert set(output.data) == {"image/png", "text/plain"}, output.data
-            assert output.data["image/png"] == base64.b64encode(a.png()).decode(), "other bytes"
-            assert output.metadata == {"image/png": {"alt": "words"}}, output.metadata
+            assert set(output.data) == {"text/html", "text/plain"}, output.data
+            content = base64.b64encode(a.png()).decode()
+            image = f'<img alt="words" src="data:image/png;base64,{content}">'
+            assert output.data["text/html"] == image, "other bytes"
         print(len(captured.outputs))
 assert len(plt.get_fignums()) == 1
 """

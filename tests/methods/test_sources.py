@@ -1,10 +1,12 @@
 """Which options a dataset is opened with."""
 
+import argparse
+
 import pytest
 
 import data_tools
 from posecore.methods import sources
-from posecore.methods.sources import open_source
+from posecore.methods.sources import new_parser, open_source
 
 
 @pytest.fixture
@@ -43,3 +45,18 @@ def test_odd_units_are_told_of_once(monkeypatch, capsys, three):
     open_source("linemod:here", None, None, show=False)
     open_source("tabletop", "easy", "tiny")
     assert capsys.readouterr().err == ""
+
+
+def test_commands_that_read_a_dataset_share_options(capsys):
+    called = []
+    parser = argparse.ArgumentParser()
+    methods = parser.add_subparsers()
+    own = new_parser(methods, "mine", called.append, summary="a word", description="A sentence.")
+    own.add_argument("--more")
+    options = parser.parse_args(["mine", "--data", "tabletop", "--more", "x"])
+    assert (options.data, options.device, options.more) == ("tabletop", "auto", "x")
+    options.command(options)
+    assert called == [options]
+    with pytest.raises(SystemExit):
+        parser.parse_args(["mine"])
+    assert "--data" in capsys.readouterr().err

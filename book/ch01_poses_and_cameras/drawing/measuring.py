@@ -268,22 +268,27 @@ def boxes_apart(
 
 def precision_recall(recall: np.ndarray, precision: np.ndarray, area: float) -> Picture:
     """Precision over recall as ever less sure estimates are let in, and the area under it."""
-    figure = new_picture(
-        4.6,
-        2.8,
-        "A staircase that falls from precision 1 as recall grows; dots mark the estimates in "
-        f"the order of their scores. The area under it, the average precision, is {area:.3f}.",
-    )
-    axes = figure.subplots()
     best = np.maximum.accumulate(precision[::-1])[::-1]
     x, y = np.append(0, recall), np.append(best[0], best)
-    axes.fill_between(x, y, step="pre", color="0.88")
-    axes.step(x, y, where="pre", color=INK, label=f"best at this recall or beyond: {area:.3f}")
-    axes.plot(recall, precision, "o", color=ESTIMATE, ms=5, label="estimates, surest first")
-    axes.set(xlim=(0, 1.02), ylim=(0, 1.05), xlabel="recall", ylabel="precision")
-    axes.legend(loc="lower left", fontsize=8)
-    axes.grid(alpha=0.3)
-    return figure
+    envelope = f"best at this recall or beyond: {area:.3f}"
+    return chart(
+        {envelope: (x, y)},
+        marks={"estimates, surest first": (recall, precision)},
+        bands={"_area": ((x, 0 * y), (x, y))},
+        looks={
+            envelope: {"color": INK, "lw": 1.5, "drawstyle": "steps-pre"},
+            "estimates, surest first": {"color": ESTIMATE},
+            "_area": {"color": "0.88", "alpha": 1, "step": "pre"},
+        },
+        xlabel="recall",
+        ylabel="precision",
+        xlim=(0, 1.02),
+        ylim=(0, 1.05),
+        legend={"loc": "lower left", "fontsize": 8},
+        size=(4.6, 2.8),
+        alt="A staircase that falls from precision 1 as recall grows; dots mark the estimates in "
+        f"the order of their scores. The area under it, the average precision, is {area:.3f}.",
+    )
 
 
 def scoreboard(verdicts: Mapping[str, Mapping[str, bool]]) -> Picture:

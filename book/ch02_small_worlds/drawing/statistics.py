@@ -3,10 +3,11 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
-from posecore.figures import Picture
-from posecore.figures.style import COLOURS, INK, MARKERS, new_picture
+from posecore.figures import Picture, chart
+from posecore.figures.style import COLOURS, INK, new_picture
 
 __all__ = ["angles_of_heads", "missing_depth", "sizes", "viewpoints", "visible_fractions"]
 
@@ -46,13 +47,12 @@ def visible_fractions(fractions: Mapping[str, np.ndarray]) -> Picture:
     )
     axes = figure.subplots()
     edges = np.linspace(0, 1, 11)
-    for number, (name, values) in enumerate(fractions.items()):
-        share = 100 * np.histogram(values, edges)[0] / len(values)
-        place = edges[:-1] + 0.03 + 0.04 * number
-        axes.bar(place, share, 0.037, color=(COLOURS[0], COLOURS[4])[number], ec=INK, lw=0.6,
-                 hatch=HATCHES[number], label=f"{name}, {len(values)} objects")  # fmt: skip
+    shares = {
+        f"{name}, {len(values)} objects": 100 * np.histogram(values, edges)[0] / len(values)
+        for name, values in fractions.items()
+    }
+    _pairs_of_bars(axes, edges[:-1] + 0.05, shares, 0.037)
     axes.set(xlabel="visible fraction", ylabel="objects of the split, %", xlim=(0, 1))
-    axes.grid(alpha=0.3, axis="y")
     axes.legend(fontsize=9, loc="upper left")
     return figure
 
@@ -95,38 +95,49 @@ def missing_depth(names: Sequence[str], shares: Mapping[str, np.ndarray]) -> Pic
         "most. In the occluded split all lose more than in the easy one.",
     )
     axes = figure.subplots()
-    for number, (split, values) in enumerate(shares.items()):
-        place = np.arange(len(names)) + 0.4 * number - 0.2
-        axes.bar(place, 100 * values, 0.38, color=(COLOURS[0], COLOURS[4])[number], ec=INK, lw=0.6,
-                 hatch=HATCHES[number], label=split)  # fmt: skip
+    percent = {split: 100 * values for split, values in shares.items()}
+    _pairs_of_bars(axes, np.arange(len(names)), percent, 0.38)
     axes.set_xticks(range(len(names)), names)
     axes.set(ylabel="visible pixels\nwithout depth, %")
-    axes.grid(alpha=0.3, axis="y")
     axes.legend(fontsize=9)
     return figure
 
 
 def sizes(extent: Mapping[str, np.ndarray]) -> Picture:
     """The extents (N, 3) of instances along their axes, by category."""
-    figure = new_picture(
-        7.2,
-        3.0,
-        "For each category the width, height and depth of its instances in centimetres; "
+    columns = range(len(extent))
+    count = [len(values) for values in extent.values()]
+    inside = np.concatenate([np.linspace(-0.06, 0.06, one) for one in count])
+    everything = 100 * np.concatenate(list(extent.values()))
+    marks, looks = {}, {}
+    for number, name in enumerate(("x: width", "y: height", "z: depth")):
+        places = np.repeat(columns, count) + 0.22 * (number - 1) + inside
+        marks[name] = places, everything[:, number]
+        looks[name] = {"color": COLOURS[(4, 0, 2)[number]], "mec": INK, "mew": 0.5, "ms": 3}
+    return chart(
+        {},
+        marks=marks,
+        looks=looks,
+        xlabel="",
+        ylabel="extent, cm",
+        xticks=dict(zip(columns, extent, strict=True)),
+        ylim=(0, None),
+        grid="y",
+        size=(7.2, 3.0),
+        alt="For each category the width, height and depth of its instances in centimetres; "
         + ", ".join(
             f"{name} {100 * e[:, 1].min():.0f} to {100 * e[:, 1].max():.0f} cm high"
             for name, e in extent.items()
         ),
     )
-    axes = figure.subplots()
-    for number, name in enumerate(("x: width", "y: height", "z: depth")):
-        for column, values in enumerate(extent.values()):
-            where = column + 0.22 * (number - 1) + np.linspace(-0.06, 0.06, len(values))
-            look = {"s": 12, "marker": MARKERS[number], "lw": 0.5, "ec": INK}
-            label = name if column == 0 else None
-            axes.scatter(where, 100 * values[:, number], color=COLOURS[(4, 0, 2)[number]],
-                         label=label, **look)  # fmt: skip
-    axes.set_xticks(range(len(extent)), list(extent))
-    axes.set(ylabel="extent, cm", ylim=(0, None))
+
+
+def _pairs_of_bars(
+    axes: Axes, places: np.ndarray, bars: Mapping[str, np.ndarray], width: float
+) -> None:
+    """Two bars side by side at each of the places (N,): label -> (N,) heights."""
+    for number, (label, heights) in enumerate(bars.items()):
+        shift = 1.06 * width * (number - 0.5)
+        axes.bar(places + shift, heights, width, color=(COLOURS[0], COLOURS[4])[number], ec=INK,
+                 lw=0.6, hatch=HATCHES[number], label=label)  # fmt: skip
     axes.grid(alpha=0.3, axis="y")
-    axes.legend(fontsize=9)
-    return figure

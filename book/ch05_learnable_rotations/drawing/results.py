@@ -84,29 +84,31 @@ def table_iv(numbers: Mapping[Key, np.ndarray]) -> Picture:
     said = "; ".join(
         f"{name} {means[name].mean():.2f}° and {largest[name].mean():.3g}°" for name in means
     )
-    figure = new_picture(
-        7.4,
-        3.1,
-        "Mean and largest errors of the representations on a logarithmic axis, a dot for each "
+    marks, looks, paper = {}, {}, []
+    for k, (label, table) in enumerate((("mean", means), ("largest", largest))):
+        place = {name: number - 0.12 + 0.24 * k for number, name in enumerate(names)}
+        seeds = [(place[n] + np.linspace(-0.05, 0.05, len(v)), v) for n, v in table.items()]
+        if seeds:
+            marks[label] = tuple(np.concatenate(part) for part in zip(*seeds, strict=True))
+        looks[label] = {"color": COLOURS[k], "marker": "os"[k]}
+        paper += [(place[n], PAPER[n][k]) for n in names if n in PAPER]
+    marks["the paper's"] = tuple(np.transpose(paper))
+    looks["the paper's"] = {"color": INK, "marker": "x", "ms": 9, "mew": 1.8}
+    return chart(
+        {},
+        marks=marks,
+        looks=looks,
+        log="y",
+        xlabel="",
+        ylabel="error, degrees",
+        xticks=dict(enumerate(names)),
+        yticks=[0.3, 1, 3, 10, 30, 100, 180],
+        grid="y",
+        legend="upper left",
+        size=(7.4, 3.1),
+        alt="Mean and largest errors of the representations on a logarithmic axis, a dot for each "
         f"seed, crosses for the paper's. Mean and largest: {said or 'not measured yet'}.",
     )
-    axes = figure.subplots()
-    for place, name in enumerate(names):
-        for k, (table, marker) in enumerate(((means, "o"), (largest, "s"))):
-            x = place - 0.12 + 0.24 * k
-            if name in table:
-                values = table[name]
-                where = x + np.linspace(-0.05, 0.05, len(values))
-                axes.plot(where, values, marker, color=COLOURS[k], ms=5)
-            if name in PAPER:
-                axes.plot(x, PAPER[name][k], "x", color=INK, ms=9, mew=1.8)
-    for k, (label, marker) in enumerate((("mean", "o"), ("largest", "s"))):
-        axes.plot([], [], marker, color=COLOURS[k], label=label)
-    axes.plot([], [], "x", color=INK, ms=9, mew=1.8, label="the paper's")
-    axes.set_xticks(range(len(names)), names)
-    _degrees(axes, "y", [0.3, 1, 3, 10, 30, 100, 180])
-    axes.legend(fontsize=9, loc="upper left")
-    return figure
 
 
 def same_rotation(R: np.ndarray, places: np.ndarray) -> Picture:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from posecore.figures import Picture, chart, draw_ellipse, draw_keypoints, picture, picture_grid
-from posecore.figures.style import COLOURS, HALO, INK, STYLES, new_picture
+from posecore.figures.style import COLOURS, HALO, INK, new_picture
 
 __all__ = [
     "angles",
@@ -189,17 +189,27 @@ def errors(found: Mapping[str, np.ndarray]) -> Picture:
     """The share of test poses below an ADD-S, in diameters; grey is what is asked for."""
     good = {name: (values < 0.1).mean() for name, values in found.items()}
     said = ", ".join(f"{share:.0%} with {name}" for name, share in good.items())
-    figure = new_picture(6.4, 3.5, f"Share of poses over ADD-S. Below 0.1 diameters: {said}.")
-    axes = figure.subplots()
-    axes.fill_between([0.005, 0.1], 0.95, 1.02, color="0.75", label="expected: to pass here")
-    for (name, values), colour, style in zip(found.items(), COLOURS, STYLES, strict=False):
-        share = np.arange(1, len(values) + 1) / len(values)
-        axes.step(np.sort(values).clip(0.005, 20), share, style, color=colour, lw=2, label=name)
-    axes.axvline(0.1, color=INK, lw=0.8)
-    axes.set(xscale="log", xlim=(0.005, 20), ylim=(0, 1.02))
-    axes.set(xlabel="ADD-S, diameters", ylabel="share of poses below")
-    axes.legend(fontsize=9, loc="lower right")
-    return figure
+    curves = {
+        name: (np.sort(values).clip(0.005, 20), np.arange(1, len(values) + 1) / len(values))
+        for name, values in found.items()
+    }
+    looks = {name: {"lw": 2, "drawstyle": "steps-pre"} for name in curves}
+    ends = np.array([0.005, 0.1])
+    return chart(
+        curves,
+        bands={"expected: to pass here": ((ends, [0.95, 0.95]), (ends, [1.02, 1.02]))},
+        upright={"_asked for": 0.1},
+        looks=looks | {"_asked for": {"color": INK, "lw": 0.8, "ls": "-"},
+                       "expected: to pass here": {"color": "0.75", "alpha": 1}},
+        log="x",
+        xlabel="ADD-S, diameters",
+        ylabel="share of poses below",
+        xlim=(0.005, 20),
+        ylim=(0, 1.02),
+        legend="lower right",
+        size=(6.4, 3.5),
+        alt=f"Share of poses over ADD-S. Below 0.1 diameters: {said}.",
+    )  # fmt: skip
 
 
 def angles(degrees: np.ndarray, curves: Mapping[str, np.ndarray]) -> Picture:

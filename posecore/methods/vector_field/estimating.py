@@ -35,7 +35,7 @@ def estimate(options: argparse.Namespace) -> None:
 
 
 class ReducedImages:
-    """A system that is given images of the width that its network was trained on.
+    """A system whose images are first resized to the width that its network was trained on.
 
     Args:
         system: gives the poses.

@@ -26,7 +26,7 @@ PARTS = ("instance", "K", "object_id", "R", "t")
 
 @array_function(pixels="... P 2", keypoints="... K 2")
 def keypoint_vectors(pixels: Array, keypoints: Array) -> Array:
-    """What leads from each pixel to each keypoint.
+    """The vectors from each pixel to each keypoint.
 
     Args:
         pixels: (..., P, 2) x, y.
@@ -55,7 +55,7 @@ def unit(vectors: Array) -> Array:
 
 @array_function(keypoints="... K 3", R="... 3 3", t="... 3", camera="... 3 3")
 def project_keypoints(keypoints: Array, R: Array, t: Array, camera: Array) -> Array:
-    """Where the keypoints of posed objects are in the picture, seen or not.
+    """The projections of the keypoints of posed objects, visible or not.
 
     Args:
         keypoints: (..., K, 3) in the object's frame, metres.
@@ -72,7 +72,7 @@ def project_keypoints(keypoints: Array, R: Array, t: Array, camera: Array) -> Ar
 
 
 class FieldTargets(NamedTuple):
-    """What a network shall say of a batch: of every pixel what is there, of some pixels more."""
+    """The training targets of a batch: the class of every pixel, and vectors at sampled pixels."""
 
     labels: Tensor
     """(B, h, w) int64: 0 for the background, 1 + o for object o of the network."""

@@ -1,4 +1,4 @@
-"""Pixels that look along lines: where these meet, and who looks at a point.
+"""Pixels that point along lines: where these meet, and which pixels point at a point.
 
 For `voting`. What is not in `__all__` takes checked NumPy arrays, its vectors as (K, 2, P): of P
 pixels towards each of K keypoints.
@@ -77,7 +77,7 @@ def intersect_lines(points: Array, directions: Array, weights: Array | None = No
 def count_inliers(
     pixels: Array, vectors: Array, hypotheses: Array, threshold: float = 0.99
 ) -> Array:
-    """How many pixels point at each hypothesis: `(h - p) . v > threshold |h - p| |v|`.
+    """Inliers of each hypothesis: pixels with `(h - p) . v > threshold |h - p| |v|`.
 
     A vector of length 0 points nowhere, and no pixel points at itself. Computed in float32: a pixel
     on the edge of the cone, or that the hypothesis almost lies on, may or may not count.
@@ -108,7 +108,7 @@ def count_inliers(
 def hypothesis_covariance(
     hypotheses: Array, weights: Array, centre: Array | None = None, floor: float = FLOOR
 ) -> Array:
-    """How far weighted hypotheses lie apart (PVNet, section 3.1).
+    """The covariance of weighted hypotheses (PVNet, section 3.1).
 
     `floor` squared is added on the diagonal, and a millionth of the trace, so that the result is
     positive definite also where all hypotheses agree or lie on a line, and also in float32.

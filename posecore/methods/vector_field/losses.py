@@ -1,4 +1,4 @@
-"""What the network is punished for: wrong masks, wrong vectors, rays that miss their keypoint."""
+"""The losses of the network: of masks, of vectors, and of rays that miss their keypoint."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ PROJECTIONS = ("none", "pixel", "unit")
 
 @array_function(predicted="... 2", target="... 2")
 def vector_loss(predicted: Array, target: Array) -> Array:
-    """How far the predicted vectors are from those that are asked for.
+    """The loss of the vectors: smooth L1 between predicted and true ones.
 
-    Smooth L1 of the difference, the mean over all coordinates, as PVNet has it (Peng et al., CVPR
-    2019; reference implementation zju3dv/pvnet).
+    The mean over all coordinates, as PVNet has it (Peng et al., CVPR 2019; reference
+    implementation zju3dv/pvnet).
 
     Args:
         predicted: (..., 2) vectors, any number of leading dimensions.
@@ -48,7 +48,7 @@ def vector_loss(predicted: Array, target: Array) -> Array:
 def projection_loss(
     predicted: Array, target: Array, eps: float = 1e-3, ignore_reversed: bool = False
 ) -> Array:
-    """How far the rays along the predicted vectors pass from the keypoints.
+    """The projection loss: distances of the keypoints from the rays along the predicted vectors.
 
     You et al., Object Pose Estimation Incorporating Projection Loss and Discriminative Refinement,
     Eq 1: smooth L1 of `g . n / |n|`, where `n` is the normal of the predicted vector `p` and `g`

@@ -163,9 +163,9 @@ class MaskedFields:
 def predict_fields(
     net: VectorFieldNet, images: Tensor, min_pixels: int = 20, precision: str = "auto"
 ) -> MaskedFields:
-    """What a network says of images, at the pixels of its own masks.
+    """Predict the masks and vector fields of images; vectors at the pixels of the masks only.
 
-    A pixel is of the class of largest logit. Vectors are computed in the masks only.
+    A pixel is of the class of largest logit.
 
     Args:
         net: in evaluation mode, as `fit` leaves it; it computes where it is.

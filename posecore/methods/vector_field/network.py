@@ -15,7 +15,7 @@ __all__ = ["Fields", "VectorFieldNet"]
 
 
 class Fields(NamedTuple):
-    """What the network says of each pixel, in float32."""
+    """The network's predictions for each pixel, in float32."""
 
     mask: Tensor  # (B, 1 + O, H, W) logits: background, and each object
     vectors: Tensor  # (B, O, K, 2, H, W) towards the keypoints, x right and y down

@@ -1,4 +1,4 @@
-"""What a field learns: the loss of a step, at the pixels that are drawn."""
+"""The objective of the field: the loss of a training step, at sampled pixels."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ MILD = Augmentation(occluder=0.2, background=0.25, blur=0.5, noise=0.012, light=
 
 
 def halved(done: float) -> float:
-    """The paper's learning rate, from the part of the training that is done to a factor.
+    """The paper's learning rate schedule: the part of the training that is done -> a factor.
 
     Halved every 20 of 200 epochs (You et al., Section IV-A).
     """
@@ -52,7 +52,7 @@ def halved(done: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    """The numbers of a scale, and what is made of them.
+    """The hyperparameters of a scale, and the networks, batches and losses that they define.
 
     Attributes:
         width, max_channels: of the network of the field.
@@ -155,7 +155,7 @@ class Recipe:
     ) -> Batches:
         """The batches of a training; `steps` and `batch` are the recipe's if they are not given."""
         steps, batch = steps or self.steps, batch or self.batch
-        return Batches(crops.draw, steps=steps, seed=seed, count=batch)
+        return Batches(crops.draw, batch_size=batch, steps=steps, seed=seed)
 
     def objective(self, models: Sequence[ObjectModel]) -> Objective:
         """The loss of a step."""

@@ -1,4 +1,4 @@
-"""The refinement of poses: the model in its present pose, and what the field says of it.
+"""The refinement of poses: model points in the current pose, and the field sampled there.
 
 Section III-C of the paper gives the refiner the model's points, moved by the pose (3D information),
 and "the selected vector of the object" (2D information), and says no more. Here:
@@ -36,7 +36,7 @@ __all__ = ["FieldRefiner", "overlap", "refiner_features"]
 RESIDUAL_SCALE = 0.1
 """The size of a usual residual: the network is told how many of these, which are near one."""
 
-Look = Callable[[Tensor], tuple[Tensor, Tensor]]
+FieldSampler = Callable[[Tensor], tuple[Tensor, Tensor]]
 """From pixels (B, N, 2) to vectors (B, N, K, 2) and whether in the mask (B, N)."""
 
 
@@ -83,19 +83,19 @@ def refiner_features(
     camera: Array,
     residual: bool = True,
 ) -> Array:
-    """What the refiner is told of each point besides its place.
+    """The refiner's input features of each point, besides its coordinates.
 
     Args:
-        pixels: (..., N, 2) at which the field was asked.
-        vectors: (..., N, K, 2) what it said there, of any length.
+        pixels: (..., N, 2) at which the field was sampled.
+        vectors: (..., N, K, 2) the field there, of any length.
         inside: (..., N) true, or not 0, in the mask.
         keypoints: (..., K, 3) of the model.
         R, t: (..., 3, 3) and (..., 3) the present pose.
         camera: (..., 3, 3) camera matrix.
-        residual: whether to subtract the directions that the pose lets expect.
+        residual: whether to subtract the directions to the keypoints as the pose projects them.
 
     Returns:
-        (..., N, 2 K + 1) unit vectors, less what was expected, and the flag; zeros outside.
+        (..., N, 2 K + 1) unit vectors, less those of the pose, and the flag; zeros outside.
     """
     said = unit(vectors)
     if residual:
@@ -109,7 +109,7 @@ def refiner_features(
 
 
 class FieldRefiner(nn.Module):
-    """A refiner with all that it has to know of its objects.
+    """The pose refiner, with the points, keypoints and diameters of its objects.
 
     One network serves all objects, with outputs of its own for each, as the network of the field
     does. The paper trains one for each object: that is a `FieldRefiner` of one model each.
@@ -121,8 +121,8 @@ class FieldRefiner(nn.Module):
     Args:
         models: of the objects, in the order of the field's network.
         width: of `PoseRefiner`; 64 in the reference.
-        points: how many of each model's points are looked at, chosen by farthest point sampling.
-        iterations: how often a pose is corrected, each time with what the field says of the last.
+        points: how many of each model's points are used, chosen by farthest point sampling.
+        iterations: how often a pose is corrected, each time with the field sampled at the last one.
         residual: see `refiner_features`.
 
     Raises:
@@ -160,7 +160,7 @@ class FieldRefiner(nn.Module):
         self.net = PoseRefiner(2 * self.keypoints.shape[1] + 1, len(self.models), width)
 
     def forward(
-        self, index: Tensor, R: Tensor, t: Tensor, camera: Tensor, look: Look
+        self, index: Tensor, R: Tensor, t: Tensor, camera: Tensor, sample: FieldSampler
     ) -> list[tuple[Tensor, Tensor]]:
         """The poses after each iteration.
 
@@ -170,7 +170,7 @@ class FieldRefiner(nn.Module):
             index: (B,) int64, which of the models.
             R, t: (B, 3, 3) and (B, 3) the poses to begin with, whose precision is kept.
             camera: (B, 3, 3) camera matrices.
-            look: asks the field, as `MaskedFields.at` does for its entries.
+            sample: the field at pixels, as `MaskedFields.at` gives it for its entries.
 
         Returns:
             `iterations` pairs `(R, t)`.
@@ -182,7 +182,7 @@ class FieldRefiner(nn.Module):
             R, t = R.detach(), t.detach()
             pixels = _pixels(points, R, t, camera).round()
             known = refiner_features(
-                torch.nan_to_num(pixels, posinf=0), *look(pixels), keypoints, R, t, camera,
+                torch.nan_to_num(pixels, posinf=0), *sample(pixels), keypoints, R, t, camera,
                 residual=self.residual,
             )  # fmt: skip
             if self.residual:

@@ -1,4 +1,4 @@
-"""How a refiner learns: from fields (`predictions`), and poses that are wrong by a little."""
+"""The training of the refiner: on predicted fields (`predictions`) and perturbed poses."""
 
 from __future__ import annotations
 
@@ -23,23 +23,22 @@ MAX_CENTRE_ERROR = 0.5
 
 
 class RefinerTraining:
-    """Batches and loss of a refiner, from the fields of a network that is trained and frozen.
+    """Batches and loss of a refiner, from the predicted fields of a frozen network.
 
         seen = predict_views(net, data)  # both of `predictions`
         training = RefinerTraining(seen, refiner.models, initial_poses(system, seen))
         fit(refiner, training.batches, training.loss, steps=2000, clip=1.0)
 
-    The fields are kept, so a batch is made of numbers only. The poses to begin with are true ones
-    made wrong (`perturb`), and the system's own where they are given.
+    The fields are cached, so a batch needs no network. The initial poses are perturbed true ones
+    (`perturb`), and the system's own where they are given.
 
     Args:
-        seen: of each batch of images what the network said of it, and "object_id", "R", "t" and "K"
-            of that batch, as `Stack.frames` gives them. What the network took for an object that is
-            not there is left out.
-        models: in the order of the field's network. Of a symmetric object the pose that the field
-            points at is taken (`canonical_rotation`).
+        seen: of each batch of images the network's predictions, and "object_id", "R", "t" and "K"
+            of that batch, as `Stack.frames` gives them. False detections are left out.
+        models: in the order of the field's network. Of a symmetric object the canonical pose is
+            taken (`canonical_rotation`).
         own: of each batch of images the system's own poses (S, 3, 3) and (S, 3), one for each entry
-            of its fields. Half of the poses to begin with are then of these, but none whose centre
+            of its fields. Half of the initial poses are then of these, but none whose centre
             is off by half a diameter: no refinement mends that.
         size: entries in a batch.
         rotation, lateral, depth: of `perturb`.

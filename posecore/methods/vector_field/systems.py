@@ -30,7 +30,7 @@ from posecore.methods.vector_field.voting import VoteOptions, Votes, vote_pixels
 from posecore.models import ObjectModel, require_models
 from posecore.registration.weighted_pnp import uncertainty_pnp
 
-__all__ = ["STAGES", "SYSTEMS", "Estimate", "ObjectModel", "VectorFieldSystem"]
+__all__ = ["STAGES", "SYSTEMS", "Estimate", "ObjectModel", "VectorFieldSystem", "is_refined"]
 
 SYSTEMS = MappingProxyType({"OPEPL": "never", "OPEPL-R": "always", "OPEPL-DR": "overlap"})
 """The systems' names in the paper, and when each of them refines."""
@@ -231,9 +231,7 @@ class VectorFieldSystem:
         """Correct the poses that are to be corrected, all in one go."""
         for one in candidates:
             one.overlap = _overlap(fields, one, camera)
-            one.refined = self.refine == "always" or (
-                self.refine == "overlap" and one.overlap > self.threshold
-            )
+            one.refined = is_refined(self.refine, one.overlap, self.threshold)
         chosen = [one for one in candidates if one.refined]
         if not chosen:
             return
@@ -264,6 +262,17 @@ class _Candidate:
     first: tuple[np.ndarray, np.ndarray] | None = None
     overlap: float = 0.0
     refined: bool = False
+
+
+def is_refined(refine: str, overlap: float, threshold: float) -> bool:
+    """Whether a system refines a first pose (Section III-D).
+
+    Args:
+        refine: "never", "always", or "overlap": where the overlap is above the threshold.
+        overlap: share of the model's points that the pose projects into the mask.
+        threshold: of the overlap.
+    """
+    return refine == "always" or (refine == "overlap" and overlap > threshold)
 
 
 def _first_pose(

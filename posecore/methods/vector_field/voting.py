@@ -90,7 +90,7 @@ class VoteOptions:
 
 
 class Votes(NamedTuple):
-    """What the pixels of O objects say about K keypoints each; S hypotheses a keypoint."""
+    """The voted keypoints of O objects, K each, from S hypotheses a keypoint."""
 
     points: Array
     """(O, K, 2) keypoints in pixels; the middle of the mask where no two rays cross, 0 without."""

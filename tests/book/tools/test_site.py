@@ -21,6 +21,7 @@ from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_outp
 
 from book.tools import site as making
 from book.tools.contents import pages
+from posecore.figures import Picture
 
 pytestmark = pytest.mark.slow  # builds with Sphinx
 
@@ -249,17 +250,39 @@ def test_alt_texts_arrive_as_they_were_written(small):
     ]
 
 
-@pytest.mark.parametrize("kind, suffix", [("image/png", ".png"), ("image/jpeg", ".jpeg")])
-def test_stored_pictures_become_files_with_their_alt_text(kind, suffix, tmp_path):
+@pytest.fixture
+def stage(tmp_path):
     stage = making._Stage.__new__(making._Stage)
     stage.source = tmp_path
     (tmp_path / "pictures").mkdir()
+    return stage
+
+
+@pytest.mark.parametrize("kind, suffix", [("image/png", ".png"), ("image/jpeg", ".jpeg")])
+def test_stored_pictures_become_files_with_their_alt_text(kind, suffix, stage):
     data = {kind: base64.b64encode(b"content").decode(), "text/plain": "words"}
     output = new_output("display_data", data, metadata={kind: {"alt": "some words"}})
     (shown,) = stage._outputs([output])
-    (file,) = (tmp_path / "pictures").iterdir()
+    (file,) = (stage.source / "pictures").iterdir()
     assert file.suffix == suffix and file.read_bytes() == b"content"
     assert shown.data == {"text/markdown": f"![some words](/pictures/{file.name})"}
+
+
+@pytest.mark.parametrize("kind, suffix", [("image/png", ".png"), ("image/jpeg", ".jpeg")])
+def test_figures_become_files_with_their_alt_text(kind, suffix, stage):
+    figure = Picture(figsize=(1, 1))
+    figure.alt, figure.stored = 'a "word" & <b>', lambda: (kind, b"content")
+    (shown,) = stage._outputs([new_output("display_data", figure._repr_mimebundle_()[0])])
+    (file,) = (stage.source / "pictures").iterdir()
+    assert file.suffix == suffix and file.read_bytes() == b"content"
+    words = r"a \"word\" \& \<b\>"
+    assert shown.data == {"text/markdown": f"![{words}](/pictures/{file.name})"}
+
+
+def test_html_that_is_more_than_a_figure_stays_as_it_is(stage):
+    data = {"text/html": '<p><img alt="x" src="data:image/png;base64,AAAA"></p>'}
+    output = new_output("display_data", data)
+    assert list(stage._outputs([output])) == [output]
 
 
 MARKDOWN = MarkdownIt()

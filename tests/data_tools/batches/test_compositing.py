@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data_tools.batches.compositing import NONE, OUTSIDE, Layers, add_occluder, put_behind
+from data_tools.batches.compositing import NONE, OUTSIDE, Layers, add_occluder, replace_background
 
 
 def layers(seed, channels=3, depth=True, objects=2):
@@ -29,7 +29,7 @@ worlds = st.tuples(st.integers(0, 2**32), st.sampled_from([1, 3]), st.booleans()
 def test_behind(world, alone, only_outside):
     image, other = layers(*world), None if alone else layers(world[0] + 1, *world[1:])
     before = image.copy()
-    put_behind(image, other, only_outside, np.random.default_rng(world[0]))
+    replace_background(image, other, only_outside, np.random.default_rng(world[0]))
     free = before.instance == OUTSIDE if only_outside else before.instance >= OUTSIDE
     assert np.array_equal(image.instance, np.where(free, NONE, before.instance))
     for kind, colours in image.colours.items():

@@ -35,7 +35,7 @@ def crops(stack):
 
 
 def first(crops, count, seed=0):
-    return next(iter(Batches(crops.draw, seed=seed, count=count)))
+    return next(iter(Batches(crops.draw, seed=seed, batch_size=count)))
 
 
 def same(a, b):
@@ -115,11 +115,11 @@ def test_crops_anywhere(crops, stack):
 
 def test_a_pool_has_the_crops_that_were_cut(crops):
     augment = batches.Augmentation()
-    cut = list(Batches(crops(augment=augment).draw, seed=2, steps=5, count=2))
+    cut = list(Batches(crops(augment=augment).draw, seed=2, steps=5, batch_size=2))
     pool = CropPool(crops(augment=augment), batches=5, count=2, seed=2)
     assert len(pool) == 10
     seen = set()
-    for batch in Batches(pool.draw, seed=0, steps=30, count=3):
+    for batch in Batches(pool.draw, seed=0, steps=30, batch_size=3):
         assert batch["rgb"].shape == (3, 3, 48, 48) and batch["rgb"].dtype == torch.float32
         for b in range(3):
             away = [
@@ -144,7 +144,7 @@ def test_a_pool_is_cut_when_it_is_wanted_and_once(crops, monkeypatch):
 
     monkeypatch.setattr(RandomCrops, "draw", counted)
     pool = CropPool(crops(), batches=3, count=2)
-    one, other = (Batches(pool.draw, seed=seed, steps=4, count=2) for seed in (0, 1))
+    one, other = (Batches(pool.draw, seed=seed, steps=4, batch_size=2) for seed in (0, 1))
     one.load_state_dict({**one.state_dict(), "step": 4})
     assert list(one) == [] and cut == []  # a training that is finished
     assert len(list(other)) == 4 and cut == [2, 2, 2]  # all of them, whatever was drawn before

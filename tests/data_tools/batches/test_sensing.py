@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from data_tools.batches import Augmentation
-from data_tools.batches.sensing import degrade_depth, see, tone_table
+from data_tools.batches.sensing import degrade_depth, simulate_sensor, tone_table
 
 OFF = Augmentation.none()
 
@@ -18,7 +18,7 @@ def draws(seed=0, **strengths):
 
 def seen(image, choices):
     out = np.empty(image.shape, np.float32)
-    see(image, choices, 0, out)
+    simulate_sensor(image, choices, 0, out)
     return out
 
 
@@ -87,7 +87,9 @@ def test_noise():
 
 def test_more_noise_than_is_in_stock():
     out = np.empty((700, 800, 3), np.float32)
-    see(np.full(out.shape, 128, np.uint8), replace(draws(), noise=np.array([0.05])), 0, out)
+    simulate_sensor(
+        np.full(out.shape, 128, np.uint8), replace(draws(), noise=np.array([0.05])), 0, out
+    )
     assert abs(out.std() - 0.05) < 1e-3
 
 

@@ -77,19 +77,19 @@ def draw(count, *, generator):
 
 @given(st.integers(0, 6), st.integers(0, 2**40))
 def test_drawn_batches_end_and_say_how_far_they_are(done, seed):
-    whole = list(Batches(draw, steps=6, seed=seed, count=3))
+    whole = list(Batches(draw, steps=6, seed=seed, batch_size=3))
     assert [float(batch["done"]) for batch in whole] == pytest.approx([i / 6 for i in range(6)])
     assert not torch.equal(whole[0]["x"], whole[1]["x"])
-    first = Batches(draw, steps=6, seed=seed, count=3)
+    first = Batches(draw, steps=6, seed=seed, batch_size=3)
     list(itertools.islice(first, done))
-    second = Batches(draw, steps=6, seed=seed, count=3)
+    second = Batches(draw, steps=6, seed=seed, batch_size=3)
     second.load_state_dict(json.loads(json.dumps(first.state_dict())))
     assert same(second, whole[done:])
     assert same(second, whole) and len(second) == 6  # and from the beginning
 
 
 def test_without_an_end():
-    batches = Batches(draw, seed=0, count=1)
+    batches = Batches(draw, seed=0, batch_size=1)
     assert [batch.keys() for batch in itertools.islice(batches, 9)] == [{"x"}] * 9
     with pytest.raises(TypeError, match="without end"):
         len(batches)
@@ -105,6 +105,10 @@ def load(state):
     Batches(make, ROWS, 2, seed=0).load_state_dict(state)
 
 
+def load_drawn(other):
+    Batches(draw, batch_size=2, seed=0).load_state_dict(other.state_dict())
+
+
 BAD = [
     (lambda: Batches(None, ROWS, 2, seed=0), "make"),
     (lambda: Batches(make, [1, 2], 2, seed=0), "rows"),
@@ -115,7 +119,8 @@ BAD = [
     (lambda: Batches(make, ROWS, 2, seed=-1), "seed"),
     (lambda: Batches(make, ROWS, 2, seed=0.5), "seed"),
     (lambda: Batches(draw, seed=0, steps=0), "steps"),
-    (lambda: Batches(draw, seed=0, batch_size=3), "batch_size: expected rows"),
+    (lambda: Batches(draw, seed=0, batch_size=0), "batch_size"),
+    (lambda: Batches(draw, seed=0, batch_size=2.5), "batch_size"),
     (lambda: load({"step": 0}), "state"),
     (lambda: load(None), "state"),
     (lambda: load(STATE | {"seed": 1}), "state: expected seed 0"),
@@ -123,7 +128,9 @@ BAD = [
     (lambda: load(Batches(make, ROWS, 3, seed=0).state_dict()), "state: expected batch_size 2"),
     (lambda: load(STATE | {"step": -1}), "state"),
     (lambda: load(STATE | {"steps": 4}), "state: expected steps None"),
-    (lambda: load(STATE | {"count": 4}), "state: expected count None"),
+    (lambda: load(STATE | {"batch_size": 4}), "state: expected batch_size 2"),
+    (lambda: load(STATE | {"count": None}), "state: expected what state_dict gave"),
+    (lambda: load_drawn(Batches(draw, batch_size=3, seed=0)), "state: expected batch_size 2"),
 ]
 
 

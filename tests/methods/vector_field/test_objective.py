@@ -34,7 +34,7 @@ def models():
 def test_gathered_first_the_loss_is_that_of_whole_images(crops, models, projection):
     with seeded(0):
         net = VectorFieldNet(2, width=8).eval()
-    batch = next(iter(Batches(crops.draw, steps=4, seed=0, count=3)))
+    batch = next(iter(Batches(crops.draw, steps=4, seed=0, batch_size=3)))
     objective = Objective(models, VectorFieldLoss(projection, 0.3), pixels_per_object=None)
     gathered = objective(net, batch)
     fields = net(batch["rgb"])
@@ -54,14 +54,14 @@ def test_gathered_first_the_loss_is_that_of_whole_images(crops, models, projecti
 def test_training_lowers_the_loss(crops, models):
     with seeded(0):
         net = VectorFieldNet(2, width=8)
-    steps = Batches(crops.draw, steps=30, seed=0, count=4)
+    steps = Batches(crops.draw, steps=30, seed=0, batch_size=4)
     history = fit(net, steps, Objective(models), steps=30, lr=3e-3, show=False, device="cpu")
     mask = np.asarray(history.losses["mask"])
     assert mask[-5:].mean() < 0.7 * mask[:5].mean()
 
 
 def test_a_pool_teaches_what_its_crops_teach(crops, models):
-    (crop,) = Batches(crops.draw, steps=1, seed=0, count=1)
+    (crop,) = Batches(crops.draw, steps=1, seed=0, batch_size=1)
     (drawn,) = Batches(CropPool(crops, batches=1, count=1).draw, steps=1, seed=0, count=1)
     with seeded(0):
         net = VectorFieldNet(len(models), width=8).eval()

@@ -13,7 +13,7 @@ from posecore import cameras, metrics, poses
 from posecore.methods.vector_field.masked_fields import MaskedFields
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.methods.vector_field.refinement import FieldRefiner, overlap
-from posecore.methods.vector_field.systems import STAGES, SYSTEMS, VectorFieldSystem
+from posecore.methods.vector_field.systems import STAGES, SYSTEMS, VectorFieldSystem, is_refined
 from posecore.methods.vector_field.voting import VoteOptions, vote_pixels
 from posecore.models import ObjectModel
 from posecore.training import seeded
@@ -233,3 +233,16 @@ FIELDS = clean(0)[0]
 def test_bad_input_is_named(call: Callable[[], object], name: str) -> None:
     with pytest.raises(ValueError, match=rf"^{name}:"):
         call()
+
+
+@pytest.mark.parametrize(
+    ("refine", "overlap", "expected"),
+    [
+        ("never", 1.0, False),
+        ("always", 0.0, True),
+        ("overlap", 0.8, False),
+        ("overlap", 0.81, True),
+    ],
+)
+def test_which_poses_are_refined(refine: str, overlap: float, expected: bool) -> None:
+    assert is_refined(refine, overlap, 0.8) is expected
