@@ -1001,7 +1001,7 @@ tour.four_glasses()
 chosen = [3 * instant + 1 for instant in (0, 5, 10, 15, 1, 4, 3, 14)]
 worn = {(view.scene_id, view.objects[0].object_id) for view in (some[i] for i in range(1, 48, 3))}
 
-assert sum(map(len, headset.SUBJECTS.values())) == 16
+assert sum(len(headset.SUBJECTS[split]) for split in ("train", "test")) == 16
 assert len(worn) == 4 * len(shapes.GLASSES)  # the first sixteen instants: everybody, everything
 tour.faces([some[i] for i in chosen])
 

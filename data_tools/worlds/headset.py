@@ -2,7 +2,9 @@
 
 Stands in for HMDPose (Firintepe et al., "HMDPose: A large-scale trinocular IR augmented reality
 glasses pose dataset", 2020). A record is an instant, seen from the left, the centre and the right:
-three views with the same `group`. Their `scene_id` is the driver, and no driver is in both splits.
+three views with the same `group`. Their `scene_id` is the driver, and no driver is in two splits:
+"train" has 12 of them, as many as such a dataset can afford, "test" 4 others, and "crowd" 96, for
+what cannot be learned from twelve.
 
 Frames. The car's frame is the world's: its origin is where the glasses of an average driver are who
 looks straight ahead, x points to the driver's left (right in the image), y down and z to the back
@@ -276,9 +278,9 @@ def _mesh(number: int) -> Mesh:
 WORLD = World(
     name="headset",
     sizes={
-        "tiny": Size(80, 47, {"train": 48, "test": 16}),
-        "book": Size(160, 94, {"train": 3000, "test": 400}),
-        "paper": Size(320, 188, {"train": 40_000, "test": 4000}),
+        "tiny": Size(80, 47, {"train": 48, "test": 16, "crowd": 32}),
+        "book": Size(160, 94, {"train": 3000, "test": 400, "crowd": 3000}),
+        "paper": Size(320, 188, {"train": 40_000, "test": 4000, "crowd": 40_000}),
     },
     record=_record,
     views=_views,

@@ -41,7 +41,12 @@ __all__ = [
     "worn",
 ]
 
-SUBJECTS = {"train": tuple(range(12)), "test": tuple(range(12, 16))}
+SUBJECTS = {
+    "train": tuple(range(12)),
+    "test": tuple(range(12, 16)),
+    "crowd": tuple(range(100, 196)),
+}
+TOGETHER = 8  # instants of the crowd in a row that are of the same subject: meshes are costly
 
 LAMP = 0.55  # power of a camera's lamp
 LIMITS = np.radians([75.0, 35.0, 25.0])  # of yaw, pitch and roll
@@ -187,8 +192,10 @@ def visible_picture(
 
 
 def who_wears_what(split: str, index: int) -> tuple[int, int]:
-    """Subject and glasses (from 0 on), in turns, so that all wear all equally often."""
+    """Subject and glasses (from 0 on), in turns, so that all wear all about equally often."""
     subjects = SUBJECTS[split]
+    if split == "crowd":
+        return subjects[index // TOGETHER % len(subjects)], index % len(GLASSES)
     return subjects[index % len(subjects)], index // len(subjects) % len(GLASSES)
 
 

@@ -1,11 +1,11 @@
 """Methods: a package for each paper, and the command line that is written once for all of them.
 
-A method is a package of this folder, listed in `METHODS`. Its module `command` has `add_train` and
-`add_estimate`, which add it to the parser; what the two commands share stands in `training`,
-`estimating`, `runs` and `sources`.
+A method is a package of this folder, listed in `METHODS`. Its module `command` has `add_train`, and
+`add_estimate` or `add_clouds`, which add it to the parser; what commands share stands in
+`training`, `estimating`, `runs` and `sources`.
 """
 
 __all__ = ["METHODS"]
 
-METHODS = ("vector_field",)
+METHODS = ("infrared", "vector_field")
 """The packages of this folder, in the order in which the command line names them."""

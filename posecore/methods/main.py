@@ -1,4 +1,4 @@
-"""The command line: `python -m posecore evaluate | train | estimate`."""
+"""The command line: `python -m posecore evaluate | train | estimate | clouds`."""
 
 from __future__ import annotations
 
@@ -58,11 +58,13 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     for name, text in (
         ("train", "train a method"),
         ("estimate", "estimate poses with what was trained"),
+        ("clouds", "write point clouds that were estimated from images"),
     ):
         command = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
         methods = command.add_subparsers(required=True, metavar="METHOD")
         if name in arguments:  # imported by name here, so that `evaluate` waits for no method
             for method in METHODS:
                 module = importlib.import_module(f"posecore.methods.{method}.command")
-                getattr(module, f"add_{name}")(methods)
+                if add := getattr(module, f"add_{name}", None):  # a method need not do all of it
+                    add(methods)
     return parser

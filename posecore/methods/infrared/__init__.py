@@ -1,0 +1,1 @@
+"""From infrared images to point clouds: a cloud estimator that learns from masks in other views."""

@@ -1,0 +1,232 @@
+"""Points as a blurred volume, rays through it, and the way back: the inner loop of the projector.
+
+A volume is `(D, H, W)` voxels; a point is at (x, y, z) in voxels, the centre of the first at 0.
+Nothing of it is seen by autograd: `rendered` gives, with what it made, a function from gradients of
+the pictures to gradients of the points.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+__all__ = ["MOST", "Gradients", "Pictures", "kernel", "rendered"]
+
+MOST = 1 - 1e-5
+"""Of occupancy, so that its complement has a logarithm (Insafutdinov and Dosovitskiy)."""
+
+
+class Pictures(NamedTuple):
+    """What is seen along the rays, each (B, H, W); "intensity" is None without intensities."""
+
+    silhouette: Tensor
+    intensity: Tensor | None
+
+
+class Gradients(NamedTuple):
+    """Of the points (B, N, 3), intensities (B, N) or None, and occupancy scales (B,)."""
+
+    points: Tensor
+    intensities: Tensor | None
+    scales: Tensor
+
+
+def kernel(sigma: float) -> tuple[float, ...]:
+    """A Gaussian at 0, 1, ... voxels from its middle, cut at three sigma; both sides sum to 1."""
+    if sigma == 0:
+        return (1.0,)
+    half = [math.exp(-0.5 * (k / sigma) ** 2) for k in range(math.ceil(3 * sigma) + 1)]
+    total = 2 * sum(half) - half[0]
+    return tuple(value / total for value in half)
+
+
+def rendered(
+    points: Tensor,
+    intensities: Tensor | None,
+    scales: Tensor,
+    size: tuple[int, int, int],
+    sigma: float,
+) -> tuple[Pictures, Callable[[Tensor, Tensor | None], Gradients]]:
+    """Pictures of some clouds, and what turns gradients of the pictures into those of the clouds.
+
+    Only the box in which there are points, and what the blur makes of it, is computed.
+
+    Args:
+        points: (B, N, 3) x, y, z in voxels.
+        intensities: (B, N), or None.
+        scales: (B,) of the occupancy.
+        size: (W, H, D) of the volume.
+        sigma: of the blur in voxels; 0 for none.
+    """
+    count = len(points)
+    base, fraction, low, high = _corners(points, size)
+    shape = tuple(int(last - first) + 1 for first, last in zip(low, high, strict=True))
+    if min(shape) < 1:  # nothing is in the volume
+        return _nothing(points, intensities, scales, size)
+    index, weights = _spread(base, fraction, low, shape, size)
+    cells = shape[0] * shape[1] * shape[2]
+    raw = points.new_zeros(count, cells).scatter_add_(1, index, weights)
+    stack = raw.new_empty(1 if intensities is None else 2, count, cells)
+    torch.clamp(raw, max=1, out=stack[0])
+    if intensities is not None:
+        share = 1 / raw.clamp(min=1)
+        light = torch.zeros_like(raw).scatter_add_(1, index, weights * intensities.repeat(1, 8))
+        torch.mul(light, share, out=stack[1])
+    # Scaled before it is blurred, as the box is smaller then.
+    factor = (scales * MOST)[:, None]
+    blurs, (columns, rows, _) = _blurs(low, shape, size, sigma, points)
+    scaled = (stack * factor).view(-1, shape[2], shape[1], shape[0])
+    volumes = _blur(scaled, blurs).unflatten(0, stack.shape[:2])
+    free = 1 - volumes[0]
+    logs = free.log().cumsum_(1)
+    passed = logs[:, -1].exp()  # the light that no voxel stops
+    silhouette = points.new_zeros(count, size[1], size[0])
+    silhouette[:, rows, columns] = 1 - passed
+    picture = emitted = arriving = None
+    if intensities is not None:
+        emitted, arriving = volumes[1], torch.ones_like(logs)
+        torch.exp(logs[:, :-1], out=arriving[:, 1:])
+        picture = torch.zeros_like(silhouette)
+        picture[:, rows, columns] = torch.einsum("bdhw,bdhw->bhw", arriving, emitted)
+
+    def backward(of_silhouette: Tensor, of_picture: Tensor | None) -> Gradients:
+        grads = torch.empty_like(volumes)
+        # d(1 - prod(1 - o)) / do_i = prod / (1 - o_i), and sum(T e) by o_i loses what lies behind.
+        ahead = (of_silhouette[:, rows, columns] * passed)[:, None]
+        if picture is not None:
+            reached = torch.mul(arriving, of_picture[:, None, rows, columns], out=grads[1])
+            upto = (reached * emitted).cumsum_(1)
+            ahead = upto.add_(ahead - upto[:, -1:])
+        torch.div(ahead, free, out=grads[0])
+        back = _blur(grads.flatten(0, 1), [blur.T for blur in blurs]).view(stack.shape)
+        of_scales = torch.einsum("kbc,kbc->b", back, stack) * MOST
+        back = back * factor
+        of_raw = back[0].masked_fill_(raw > 1, 0)
+        of_shades = None
+        if picture is None:
+            of_weights = of_raw.gather(1, index)
+        else:
+            of_light = back[1].mul_(share)
+            of_raw.sub_((of_light * stack[1]).masked_fill_(raw <= 1, 0))
+            at = of_light.gather(1, index)
+            of_shades = (at * weights).view(count, 8, -1).sum(1)
+            of_weights = of_raw.gather(1, index).addcmul_(at, intensities.repeat(1, 8))
+        of_points = _pulled(of_weights.view(count, 2, 2, 2, -1), base, fraction, size)
+        return Gradients(of_points, of_shades, of_scales)
+
+    return Pictures(silhouette, picture), backward
+
+
+def _nothing(
+    points: Tensor, intensities: Tensor | None, scales: Tensor, size: tuple[int, int, int]
+) -> tuple[Pictures, Callable[[Tensor, Tensor | None], Gradients]]:
+    """Black pictures, on which nothing has an influence."""
+    empty = points.new_zeros(len(points), size[1], size[0])
+    shades = None if intensities is None else torch.zeros_like(intensities)
+    grads = Gradients(torch.zeros_like(points), shades, torch.zeros_like(scales))
+    return Pictures(empty, None if shades is None else empty.clone()), lambda _, __: grads
+
+
+def _corners(
+    points: Tensor, size: tuple[int, int, int]
+) -> tuple[Tensor, Tensor, list[int], list[int]]:
+    """Lowest corners and what is left, (B, N, 3); the box of all corners, both ends included."""
+    limits = points.new_tensor(size)
+    # Further out than a voxel no weight is in the volume, so it may be anywhere there.
+    near = torch.minimum(points.clamp(min=-2), limits + 1)
+    base = near.floor()
+    touches = ((base > -2) & (base < limits)).all(-1, keepdim=True)
+    low = base.masked_fill(~touches, math.inf).flatten(0, -2).amin(0).clamp(min=0)
+    high = base.masked_fill(~touches, -math.inf).flatten(0, -2).amax(0) + 1
+    if high[0] < 0:  # minus infinity: no point touches any
+        return base, near - base, [0, 0, 0], [-1, -1, -1]
+    high = torch.minimum(high, limits - 1)
+    return base, near - base, low.int().tolist(), high.int().tolist()
+
+
+def _spread(
+    base: Tensor,
+    fraction: Tensor,
+    low: list[int],
+    shape: tuple[int, int, int],
+    size: tuple[int, int, int],
+) -> tuple[Tensor, Tensor]:
+    """(B, 8 N) index in the box and weight of the eight corners, in the order z, y, x."""
+    indices, weights = [], []
+    for axis in range(3):
+        first = base[..., axis]
+        corners = torch.stack([first, first + 1], 1)  # (B, 2, N)
+        share = torch.stack([1 - fraction[..., axis], fraction[..., axis]], 1)
+        there = (corners >= 0) & (corners < size[axis])
+        # A point that is outside along another axis may be outside this box, too.
+        place = (corners - low[axis]).long().clamp_(0, shape[axis] - 1)
+        indices.append(place)
+        weights.append(share * there)
+    x, y, z = indices
+    index = (z[:, :, None, None] * shape[1] + y[:, None, :, None]) * shape[0] + x[:, None, None]
+    wx, wy, wz = weights
+    weight = wz[:, :, None, None] * wy[:, None, :, None] * wx[:, None, None]
+    return index.flatten(1), weight.flatten(1)
+
+
+def _pulled(grads: Tensor, base: Tensor, fraction: Tensor, size: tuple[int, int, int]) -> Tensor:
+    """(B, N, 3) gradients of points from those (B, 2, 2, 2, N) of their corners' weights."""
+    shares, signs = [], []
+    for axis in range(3):
+        first = base[..., axis]
+        corners = torch.stack([first, first + 1], 1)
+        there = ((corners >= 0) & (corners < size[axis])).to(grads.dtype)
+        shares.append(torch.stack([1 - fraction[..., axis], fraction[..., axis]], 1) * there)
+        signs.append(torch.stack([-there[:, 0], there[:, 1]], 1))
+    along_x = (grads * signs[0][:, None, None]).sum(3)  # (B, z, y, N)
+    over_x = (grads * shares[0][:, None, None]).sum(3)
+    x = ((along_x * shares[1][:, None]).sum(2) * shares[2]).sum(1)
+    y = ((over_x * signs[1][:, None]).sum(2) * shares[2]).sum(1)
+    z = ((over_x * shares[1][:, None]).sum(2) * signs[2]).sum(1)
+    return torch.stack([x, y, z], -1)
+
+
+@functools.lru_cache(maxsize=64)
+def _band(size: int, sigma: float, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """(size, size) the blur of one axis as a matrix."""
+    half = kernel(sigma)
+    band = torch.zeros(size, size, dtype=dtype, device=device)
+    for k, value in enumerate(half[:size]):
+        band.diagonal(k).fill_(value)
+        band.diagonal(-k).fill_(value)
+    return band
+
+
+def _blurs(
+    low: list[int],
+    shape: tuple[int, int, int],
+    size: tuple[int, int, int],
+    sigma: float,
+    like: Tensor,
+) -> tuple[list[Tensor], list[slice]]:
+    """For x, y and z: the part of the blur from the box to where it reaches, and that range."""
+    reach = len(kernel(sigma)) - 1
+    blurs, ranges = [], []
+    for axis in range(3):
+        first = low[axis]
+        last = first + shape[axis]
+        start, stop = max(0, first - reach), min(size[axis], last + reach)
+        band = _band(size[axis], sigma, like.dtype, like.device)
+        blurs.append(band[start:stop, first:last])
+        ranges.append(slice(start, stop))
+    return blurs, ranges
+
+
+def _blur(volumes: Tensor, blurs: list[Tensor]) -> Tensor:
+    """(B, D, H, W) volumes blurred along x, y and z by matrices: faster than any convolution."""
+    along_x, along_y, along_z = blurs
+    volumes = volumes @ along_x.T
+    volumes = along_y @ volumes
+    count, depth, height, width = volumes.shape
+    volumes = along_z @ volumes.reshape(count, depth, height * width)
+    return volumes.view(count, -1, height, width)
