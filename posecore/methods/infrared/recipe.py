@@ -125,7 +125,7 @@ class Recipe:
 
 BEST = {
     "optimiser": Muon, "lr": 3e-3, "schedule": "cosine", "clip": 1.0, "masks": "exact",
-    "mirror": True, "hidden": 192, "max_channels": 128,
+    "mirror": True, "hidden": 176, "max_channels": 96,
 }  # fmt: skip
 RECIPES = {
     "tiny": Recipe(
