@@ -13,12 +13,12 @@
 
 # %%
 import torch
+from posecore.methods.infrared_to_clouds.network import translation
+from posecore.methods.infrared_to_clouds.recipe import RECIPES, train
 
 from book.ch03_infrared_to_clouds import experiments
 from book.ch03_infrared_to_clouds.drawing import figures as draw
 from posecore import cameras, figures
-from posecore.methods.infrared_to_clouds.network import translation
-from posecore.methods.infrared_to_clouds.recipe import RECIPES, train
 from posecore.scale import scale
 
 torch.set_num_threads(1)  # for such small networks, more would be slower
