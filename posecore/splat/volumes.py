@@ -54,7 +54,7 @@ def rendered(
 ) -> tuple[Pictures, Callable[[Tensor, Tensor | None], Gradients]]:
     """Pictures of some clouds, and what turns gradients of the pictures into those of the clouds.
 
-    Only the box in which there are points, and what the blur makes of it, is computed.
+    Only the box in which a cloud has points, and what the blur makes of it, is computed.
 
     Args:
         points: (B, N, 3) x, y, z in voxels.
@@ -64,9 +64,8 @@ def rendered(
         sigma: of the blur in voxels; 0 for none.
     """
     count = len(points)
-    base, fraction, low, high = _corners(points, size)
-    shape = tuple(int(last - first) + 1 for first, last in zip(low, high, strict=True))
-    if min(shape) < 1:  # nothing is in the volume
+    base, fraction, low, shape = _boxes(points, size)
+    if min(shape) < 1:  # nothing is in the volumes
         return _nothing(points, intensities, scales, size)
     index, weights = _spread(base, fraction, low, shape, size)
     cells = shape[0] * shape[1] * shape[2]
@@ -79,30 +78,35 @@ def rendered(
         torch.mul(light, share, out=stack[1])
     # Scaled before it is blurred, as the box is smaller then.
     factor = (scales * MOST)[:, None]
-    blurs, (columns, rows, _) = _blurs(low, shape, size, sigma, points)
+    blurs = [_band(n, sigma, points.dtype, points.device) for n in shape]
     scaled = (stack * factor).view(-1, shape[2], shape[1], shape[0])
     volumes = _blur(scaled, blurs).unflatten(0, stack.shape[:2])
+    reach = len(kernel(sigma)) - 1
+    beyond = _beyond(low[:, 2] - reach, volumes.shape[2], size[2])
+    if beyond is not None:  # what the blur moved out of the grid stops no light
+        volumes.masked_fill_(beyond, 0)
+    places = _places(low, reach, volumes.shape[-2:], size)
     free = 1 - volumes[0]
     logs = free.log().cumsum_(1)
     passed = logs[:, -1].exp()  # the light that no voxel stops
-    silhouette = points.new_zeros(count, size[1], size[0])
-    silhouette[:, rows, columns] = 1 - passed
+    silhouette = _put(1 - passed, places, size)
     picture = emitted = arriving = None
     if intensities is not None:
         emitted, arriving = volumes[1], torch.ones_like(logs)
         torch.exp(logs[:, :-1], out=arriving[:, 1:])
-        picture = torch.zeros_like(silhouette)
-        picture[:, rows, columns] = torch.einsum("bdhw,bdhw->bhw", arriving, emitted)
+        picture = _put(torch.einsum("bdhw,bdhw->bhw", arriving, emitted), places, size)
 
     def backward(of_silhouette: Tensor, of_picture: Tensor | None) -> Gradients:
         grads = torch.empty_like(volumes)
         # d(1 - prod(1 - o)) / do_i = prod / (1 - o_i), and sum(T e) by o_i loses what lies behind.
-        ahead = (of_silhouette[:, rows, columns] * passed)[:, None]
+        ahead = (_take(of_silhouette, places, passed) * passed)[:, None]
         if picture is not None:
-            reached = torch.mul(arriving, of_picture[:, None, rows, columns], out=grads[1])
+            reached = torch.mul(arriving, _take(of_picture, places, passed)[:, None], out=grads[1])
             upto = (reached * emitted).cumsum_(1)
             ahead = upto.add_(ahead - upto[:, -1:])
         torch.div(ahead, free, out=grads[0])
+        if beyond is not None:
+            grads.masked_fill_(beyond, 0)
         back = _blur(grads.flatten(0, 1), [blur.T for blur in blurs]).view(stack.shape)
         of_scales = torch.einsum("kbc,kbc->b", back, stack) * MOST
         back = back * factor
@@ -132,27 +136,67 @@ def _nothing(
     return Pictures(empty, None if shades is None else empty.clone()), lambda _, __: grads
 
 
-def _corners(
+def _boxes(
     points: Tensor, size: tuple[int, int, int]
-) -> tuple[Tensor, Tensor, list[int], list[int]]:
-    """Lowest corners and what is left, (B, N, 3); the box of all corners, both ends included."""
+) -> tuple[Tensor, Tensor, Tensor, tuple[int, int, int]]:
+    """Lowest corners of the points' voxels and what is left, (B, N, 3); a box for each cloud.
+
+    The boxes are as large as the largest needs to be: their lowest corners (B, 3), and the shape.
+    """
     limits = points.new_tensor(size)
     # Further out than a voxel no weight is in the volume, so it may be anywhere there.
     near = torch.minimum(points.clamp(min=-2), limits + 1)
     base = near.floor()
     touches = ((base > -2) & (base < limits)).all(-1, keepdim=True)
-    low = base.masked_fill(~touches, math.inf).flatten(0, -2).amin(0).clamp(min=0)
-    high = base.masked_fill(~touches, -math.inf).flatten(0, -2).amax(0) + 1
-    if high[0] < 0:  # minus infinity: no point touches any
-        return base, near - base, [0, 0, 0], [-1, -1, -1]
-    high = torch.minimum(high, limits - 1)
-    return base, near - base, low.int().tolist(), high.int().tolist()
+    low = base.masked_fill(~touches, math.inf).amin(1).clamp(min=0)
+    high = torch.minimum(base.masked_fill(~touches, -math.inf).amax(1) + 1, limits - 1)
+    sides = (high - low).amax(0) + 1  # minus infinity where no cloud has a point inside
+    low = torch.minimum(low, limits - 1)  # of clouds without any
+    return base, near - base, low.long(), tuple(int(side) for side in sides.clamp(min=0).tolist())
+
+
+def _beyond(first: Tensor, depth: int, limit: int) -> Tensor | None:
+    """(B, depth, 1, 1) which slices lie outside of the grid; None if none does."""
+    slices = first[:, None] + torch.arange(depth, device=first.device)
+    outside = (slices < 0) | (slices >= limit)
+    return outside[:, :, None, None] if bool(outside.any()) else None
+
+
+def _places(
+    low: Tensor, reach: int, shape: tuple[int, int], size: tuple[int, int, int]
+) -> list[tuple[tuple[slice, slice], tuple[slice, slice]]]:
+    """For each cloud where its (rows, columns) are in the image, and which of the box these are."""
+    result = []
+    for x, y, _ in low.tolist():
+        image, box = [], []
+        for first, length, limit in zip((y - reach, x - reach), shape, size[1::-1], strict=True):
+            start, stop = max(0, first), min(limit, first + length)
+            image.append(slice(start, stop))
+            box.append(slice(start - first, stop - first))
+        result.append((tuple(image), tuple(box)))
+    return result
+
+
+def _put(boxes: Tensor, places: list, size: tuple[int, int, int]) -> Tensor:
+    """(B, H, W) images of what is in their boxes, 0 elsewhere."""
+    images = boxes.new_zeros(len(boxes), size[1], size[0])
+    for number, (image, box) in enumerate(places):
+        images[(number, *image)] = boxes[(number, *box)]
+    return images
+
+
+def _take(images: Tensor, places: list, like: Tensor) -> Tensor:
+    """What images have in the boxes: the way back of `_put`."""
+    boxes = torch.zeros_like(like)
+    for number, (image, box) in enumerate(places):
+        boxes[(number, *box)] = images[(number, *image)]
+    return boxes
 
 
 def _spread(
     base: Tensor,
     fraction: Tensor,
-    low: list[int],
+    low: Tensor,
     shape: tuple[int, int, int],
     size: tuple[int, int, int],
 ) -> tuple[Tensor, Tensor]:
@@ -164,7 +208,7 @@ def _spread(
         share = torch.stack([1 - fraction[..., axis], fraction[..., axis]], 1)
         there = (corners >= 0) & (corners < size[axis])
         # A point that is outside along another axis may be outside this box, too.
-        place = (corners - low[axis]).long().clamp_(0, shape[axis] - 1)
+        place = (corners.long() - low[:, None, None, axis]).clamp_(0, shape[axis] - 1)
         indices.append(place)
         weights.append(share * there)
     x, y, z = indices
@@ -191,35 +235,15 @@ def _pulled(grads: Tensor, base: Tensor, fraction: Tensor, size: tuple[int, int,
     return torch.stack([x, y, z], -1)
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=256)
 def _band(size: int, sigma: float, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """(size, size) the blur of one axis as a matrix."""
+    """(size + 2 r, size) the blur of one axis as a matrix, from the box to where it reaches."""
     half = kernel(sigma)
-    band = torch.zeros(size, size, dtype=dtype, device=device)
-    for k, value in enumerate(half[:size]):
-        band.diagonal(k).fill_(value)
-        band.diagonal(-k).fill_(value)
+    reach = len(half) - 1
+    band = torch.zeros(size + 2 * reach, size, dtype=dtype, device=device)
+    for k in range(-reach, reach + 1):
+        band.diagonal(k - reach).fill_(half[abs(k)])
     return band
-
-
-def _blurs(
-    low: list[int],
-    shape: tuple[int, int, int],
-    size: tuple[int, int, int],
-    sigma: float,
-    like: Tensor,
-) -> tuple[list[Tensor], list[slice]]:
-    """For x, y and z: the part of the blur from the box to where it reaches, and that range."""
-    reach = len(kernel(sigma)) - 1
-    blurs, ranges = [], []
-    for axis in range(3):
-        first = low[axis]
-        last = first + shape[axis]
-        start, stop = max(0, first - reach), min(size[axis], last + reach)
-        band = _band(size[axis], sigma, like.dtype, like.device)
-        blurs.append(band[start:stop, first:last])
-        ranges.append(slice(start, stop))
-    return blurs, ranges
 
 
 def _blur(volumes: Tensor, blurs: list[Tensor]) -> Tensor:

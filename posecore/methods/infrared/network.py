@@ -68,7 +68,7 @@ class CloudNet(nn.Module):
         blocks: int = 6,
         max_channels: int | None = None,
         hidden: int = 1024,
-        cube: float = 0.5,
+        cube: float = 0.4,
     ) -> None:
         super().__init__()
         if not isinstance(image, tuple | list) or len(image) != 2:
@@ -107,7 +107,7 @@ class CloudNet(nn.Module):
                 nn.init.zeros_(layer.bias)
         # At first all images get the same cloud, spread out, in the middle of the box.
         nn.init.normal_(self.points.weight, std=0.025)
-        nn.init.normal_(self.points.bias, std=0.5)
+        nn.init.normal_(self.points.bias, std=0.3)
         nn.init.constant_(self.place.bias, 0.5)
 
     def forward(self, images: Tensor) -> Cloud:
