@@ -182,7 +182,7 @@ def evaluate(
         for result, anchor in zip((overlaps, at_truth), anchors, strict=True):
             seen = loss.projector(
                 cloud.points[:, j], anchor, part.T_world_cam[:, j], part.K, part.T_world_cam,
-                XX
+                scale=cloud.scale[:, j] if loss.use_scale else 1.0, sigma=loss.blur[1],
             )  # fmt: skip
             result[:, j] = overlap(seen.silhouette, masks)
         if not surfaces:
