@@ -124,6 +124,7 @@ class Measured(NamedTuple):
     """What is measured of the clouds of a split, each view of G instants and J cameras by itself.
 
     Attributes:
+        views: (G, J) their numbers in the split.
         overlaps: (G, J, J) of the silhouette in each view, from the cloud of each.
         at_truth: (G, J, J) the same, with the cloud put where it truly is.
         off: (G, J) metres from the predicted to the true translation.
@@ -131,6 +132,7 @@ class Measured(NamedTuple):
         to_surface: (G, J) metres from the points that are met first to that surface.
     """
 
+    views: Tensor
     overlaps: Tensor
     at_truth: Tensor
     off: Tensor
@@ -196,7 +198,7 @@ def evaluate(
                 # Where the cloud truly is: how far off its place is, is measured by itself.
                 placed = cloud.points[g, j] + anchors[1][g]
                 to_cloud[g, j], to_surface[g, j] = surface_distances(placed, met[g], surface)
-    return Measured(overlaps, at_truth, off, to_cloud, to_surface)
+    return Measured(part.views, overlaps, at_truth, off, to_cloud, to_surface)
 
 
 def true_masks(split: str, views: Tensor) -> Tensor:
