@@ -174,7 +174,7 @@ def measure_sizes(seed: int) -> dict[Key, float]:
 
 TRAINED = (f"headset/{CROWD}", "headset/test")
 MEASUREMENTS = {
-    "masks": Measurement(threshold_masks.measure, range(3), ("headset/test", "headset/train")),
+    "masks": Measurement(threshold_masks.measure, range(3), TRAINED),
     "views": Measurement(measure_views, range(3), TRAINED),
     "parts": Measurement(measure_parts, range(3), TRAINED),
     "labels": Measurement(measure_labels, range(3), (*TRAINED, "headset/train")),

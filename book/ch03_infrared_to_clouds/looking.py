@@ -110,7 +110,7 @@ def train_briefly(recipe: Recipe) -> tuple[CloudNet, History]:
 
 def constant_translation() -> float:
     """Metres, the median error of a translation that is always the mean of the training's."""
-    train = training.stack("train")
+    train = training.stack(training.CROWD)
     rows = train.object_id < headset.HEAD
     test = training.stack(training.TEST)
     truth = test.t[test.object_id < headset.HEAD]

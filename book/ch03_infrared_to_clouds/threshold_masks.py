@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from book.ch03_infrared_to_clouds.cloud_training import TEST, stack
+from book.ch03_infrared_to_clouds.cloud_training import CROWD, TEST, stack
 from book.tools.keys import Key
 from data_tools.batches.decoding import NONE
 from posecore.methods.infrared.masks import cuboid_mask, li_threshold
@@ -48,7 +48,7 @@ def measure(seed: int) -> dict[Key, float]:
 
 def _best_level(seed: int, count: int) -> int:
     scores = np.zeros(len(LEVELS))
-    for image, region, truth in _some("train", seed, count):
+    for image, region, truth in _some(CROWD, seed, count):
         scores += [overlap_of(region & (image > level), truth) for level in LEVELS]
     return LEVELS[int(scores.argmax())]
 
