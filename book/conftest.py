@@ -1,5 +1,6 @@
-"""Every notebook of the book is a test: nbval runs it at `tiny`, in the same world for everybody.
+"""Every page of the book is a test: nbval runs it at `tiny`, in the same world for everybody.
 
+Exercises and solutions are run by tests/book/tools/test_rehearsal.py, which reads their answers.
 The options of nbval stand in pyproject.toml. A cell fails if it raises, so correctness lies in the
 assertions on the page; what nbval passes over, `book.tools.checking` refuses.
 """
@@ -14,7 +15,7 @@ import pytest
 
 from book.tools.execution import environment
 
-collect_ignore = ["my_work", "_build"]
+collect_ignore = ["exercises", "solutions", "my_work", "_build"]
 
 PROFILE = pytest.StashKey[Path]()
 
