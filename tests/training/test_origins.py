@@ -6,7 +6,6 @@ import functools
 import inspect
 import json
 import os
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +18,7 @@ from torch.utils.data import DataLoader, TensorDataset
 
 from data_tools.batches import Batches
 from posecore.training import fit, origins, seeded
+from tests.launched import two_launched
 
 WEIGHT = 2.0
 WEIGHTS = {"turn": 1.0, "shift": [1, 2]}
@@ -428,10 +428,7 @@ def test_the_same_program_is_never_refused(tmp_path):
             assert status < 0
         *losses, calls = finished("one")
         assert int(calls) == 3
-        # What torchrun says to each of two; tests of torchrun itself are beside this file.
-        group = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(free_port())}
-        both = [{**group, "RANK": rank, "LOCAL_RANK": rank} for rank in "01"]
-        ends = [status for status, _ in run("two", "7", variables=both)]
+        ends = [status for status, _ in run("two", "7", variables=two_launched())]
         assert min(ends) < 0 and 0 not in ends  # one may be killed before the other is
         assert finished("two")[2] == "5"  # begun by two, it goes on with one
         # Handed back, and refused to others.
@@ -440,9 +437,3 @@ def test_the_same_program_is_never_refused(tmp_path):
         ((_, refusals),) = run("one", "-", *names)
         for line, name in zip(refusals.splitlines(), names.values(), strict=True):
             assert line.startswith(f"resume: expected a run of the same {name}")
-
-
-def free_port():
-    with socket.socket() as server:
-        server.bind(("127.0.0.1", 0))
-        return server.getsockname()[1]
