@@ -21,10 +21,14 @@ PROFILE = pytest.StashKey[Path]()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Every notebook is slow. A hook of this kind is given the tests of all folders."""
+    """Every notebook is slow, and comes first: one process would run the last of them alone.
+
+    A hook of this kind is given the tests of all folders.
+    """
     for item in items:
         if item.path.suffix == ".ipynb":
             item.add_marker(pytest.mark.slow)
+    items.sort(key=lambda item: item.path.suffix != ".ipynb")
 
 
 @pytest.hookimpl(wrapper=True)
