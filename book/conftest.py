@@ -1,5 +1,6 @@
-"""Every notebook of the book is a test: nbval runs it at `tiny`, in the same world for everybody.
+"""Every page of the book is a test: nbval runs it at `tiny`, in the same world for everybody.
 
+Exercises and solutions are run by tests/book/tools/test_rehearsal.py, which reads their answers.
 The options of nbval stand in pyproject.toml. A cell fails if it raises, so correctness lies in the
 assertions on the page; what nbval passes over, `book.tools.checking` refuses.
 """
@@ -14,16 +15,20 @@ import pytest
 
 from book.tools.execution import environment
 
-collect_ignore = ["my_work", "_build"]
+collect_ignore = ["exercises", "solutions", "my_work", "_build"]
 
 PROFILE = pytest.StashKey[Path]()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Every notebook is slow. A hook of this kind is given the tests of all folders."""
+    """Every notebook is slow, and comes first: one process would run the last of them alone.
+
+    A hook of this kind is given the tests of all folders.
+    """
     for item in items:
         if item.path.suffix == ".ipynb":
             item.add_marker(pytest.mark.slow)
+    items.sort(key=lambda item: item.path.suffix != ".ipynb")
 
 
 @pytest.hookimpl(wrapper=True)

@@ -7,7 +7,7 @@ in an editor or in JupyterLab. Then, for every page NN that you touched:
   python book/make.py pair NN       bring notebook, solutions and exercises in step
   python book/make.py execute NN    run the page and store what it shows (minutes)
   python book/make.py check         say what is not fit to be committed, and how long pages are
-  pytest book -k NN                 run page, solutions and exercises, at a small scale
+  pytest book tests/book -k NN      run page, solutions and exercises, at a small scale
 
 Solutions are written in solutions/solutions_NN_name.py; exercises are generated from them, never
 edited.

@@ -7,25 +7,18 @@ at `tiny` here and watched.
 
 import ast
 import functools
-import shutil
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import coverage
 import pytest
-import torch
 
 from book.tools.contents import Page, pages
 from book.tools.dependencies import KEEPING, open_world, roots_of
 from book.tools.measuring import declared, import_experiments
-from data_tools.worlds.world import WorldDataset
-from posecore.fingerprint import HOME, PACKAGES, Closure, closure
+from posecore.fingerprint import HOME, Closure, closure
+from tests.book.watching import forget, watched, watched_run
 
 pytestmark = pytest.mark.slow
 
-OURS = tuple(f"{HOME / package}/" for package in PACKAGES)
 NOT_COUNTED = tuple(str(HOME / name.replace(".", "/")) for name in KEEPING)
 WORLDS = ("headset", "tabletop", "categories")
 
@@ -37,20 +30,6 @@ def _experiments() -> list[tuple[Page, str]]:
             _, measurements, trainings = declared(import_experiments(page))
             found += [(page, name) for name in (*measurements, *trainings)]
     return found
-
-
-@contextmanager
-def watched() -> Iterator[dict[Path, set[int]]]:
-    """The lines of this project that run inside, in any thread, by file."""
-    ran: dict[Path, set[int]] = {}
-    watch = coverage.Coverage(data_file=None, config_file=False, include=[f"{o}*" for o in OURS])
-    watch.start()
-    try:
-        yield ran
-    finally:
-        watch.stop()
-        data = watch.get_data()
-        ran |= {Path(file): set(data.lines(file) or ()) for file in data.measured_files()}
 
 
 def strangers(ran: dict[Path, set[int]], *known: Closure) -> list[str]:
@@ -82,59 +61,13 @@ def functions(path: Path) -> list[tuple[int, int, str]]:
     ]
 
 
-@pytest.fixture
-def opened(monkeypatch: pytest.MonkeyPatch) -> set[str]:
-    """The datasets that are opened."""
-    found: set[str] = set()
-    init = WorldDataset.__init__
-
-    def noting(self: WorldDataset, world: object, split: str, *more: object, **options: object):
-        init(self, world, split, *more, **options)
-        found.add(f"{self.world.name}/{split}")
-
-    monkeypatch.setattr(WorldDataset, "__init__", noting)
-    return found
-
-
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory, shared_cache: Path) -> Path:
-    """A cache with the worlds of all tests, and trainings of its own."""
-    folder, worlds = tmp_path_factory.mktemp("cache"), shared_cache / "worlds"
-    worlds.mkdir(exist_ok=True)
-    (folder / "worlds").symlink_to(worlds, target_is_directory=True)
-    return folder
-
-
-@pytest.fixture
-def fresh(cache: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """No training of before is found again, on disk or in the modules of a chapter."""
-    monkeypatch.setenv("POSECORE_CACHE", str(cache))
-    shutil.rmtree(cache / "training", ignore_errors=True)
-    forget()
-    yield
-    forget()
-
-
-def forget() -> None:
-    for name, module in list(sys.modules.items()):
-        if name.startswith("book.ch") or name.startswith("data_tools."):
-            for thing in vars(module).values():
-                if hasattr(thing, "cache_clear"):
-                    thing.cache_clear()
-
-
-@pytest.mark.usefixtures("fresh")
 @pytest.mark.parametrize(
     ("page", "name"), _experiments(), ids=lambda value: getattr(value, "name", value)
 )
-def test_what_a_measurement_runs_and_opens_is_known(page: Page, name: str, opened: set[str]):
+def test_what_a_measurement_runs_and_opens_is_known(page: Page, name: str, shared_cache: Path):
     _, measurements, trainings = declared(import_experiments(page))
     one = measurements.get(name) or trainings[name]
-    run: Callable[[], object] = (
-        (lambda: one.function(0)) if name in measurements else (lambda: one.function())
-    )
-    with torch.random.fork_rng(), watched() as ran:
-        run()
+    _, ran, opened = watched_run(page, name, shared_cache)
     worlds = {open_world(source, "tiny").world for source in one.data}
     known = [closure(*world.code, refusals=True) for world in worlds]
     assert (

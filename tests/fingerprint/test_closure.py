@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from book.tools.dependencies import code_of
 from posecore.fingerprint import HOME, changes, closure, digest, of_source
 
 BOMB = "raise SystemExit('this file was run')\n"
@@ -211,23 +212,30 @@ def test_the_library_itself() -> None:
 
 
 @pytest.mark.slow
-def test_it_does_not_depend_on_the_folder(house: Path, tmp_path_factory) -> None:
-    """Nor on the folder a kernel runs in, where another `book` may lie."""
-    decoy = tmp_path_factory.mktemp("decoy") / "book" / "tools"
+def test_every_process_finds_the_same(tmp_path: Path) -> None:
+    """Whatever order its sets have, and in whatever folder, where another `book` may lie."""
+    decoy = tmp_path / "book" / "tools"
     decoy.mkdir(parents=True)
     (decoy / "keys.py").write_text("def Key(): return 'a decoy'\n")
     (decoy.parent / "__init__.py").write_text("")
-    program = "from posecore.fingerprint import closure; print(closure('book.tools.keys:Key').text)"
-    for folder in (decoy.parents[1], HOME):
-        done = subprocess.run(
-            [sys.executable, "-c", program],
-            cwd=folder,
-            env={**os.environ, "PYTHONPATH": str(HOME)},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        assert done.stdout.strip() == closure("book.tools.keys:Key").text
+    function, data = "book.ch08_vector_fields.comparison:compare_systems", ("tabletop/easy",)
+    program = (
+        "import sys; from posecore.fingerprint import closure;"
+        "print(closure('book.tools.keys:Key').text); sys.path.remove('');"
+        "from book.tools.dependencies import code_of;"
+        f"c = code_of({function!r}, {data}); print(c.text); print(c.numbers('book'))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONHASHSEED": "1", "PYTHONPATH": str(HOME)},  # here: any other
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    code = code_of(function, data)
+    answer = [closure("book.tools.keys:Key").text, code.text, code.numbers("book")]
+    assert done.stdout.splitlines() == answer
 
 
 @pytest.mark.parametrize(
@@ -245,24 +253,3 @@ def test_it_does_not_depend_on_the_folder(house: Path, tmp_path_factory) -> None
 def test_what_is_refused(house: Path, call: Callable[[], object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         call()
-
-
-@pytest.mark.slow
-def test_every_process_finds_the_same() -> None:
-    """Whatever order its sets have."""
-    program = (
-        "from book.tools.dependencies import code_of; import hashlib;"
-        "c = code_of('book.ch08_vector_fields.comparison:compare_systems', ('tabletop/easy',));"
-        "print(c.text, c.numbers('book'))"
-    )
-    answers = {
-        subprocess.run(
-            [sys.executable, "-c", program],
-            env={**os.environ, "PYTHONHASHSEED": str(seed), "PYTHONPATH": str(HOME)},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for seed in range(2)
-    }
-    assert len(answers) == 1

@@ -145,8 +145,14 @@ def test_not_enough_memory_is_one_line(capsys, monkeypatch, error, more):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", [["-m", "posecore", "evaluate"], ["book/make.py", "check"]])
-@pytest.mark.parametrize("own", ["", "active"])
+@pytest.mark.parametrize(
+    ("command", "own"),
+    [
+        (["-m", "posecore", "evaluate"], ""),
+        (["book/make.py", "check"], ""),
+        (["-m", "posecore", "evaluate"], "active"),
+    ],
+)
 def test_threads_sleep_where_they_wait(command, own):
     """The one of another process may be stopped there; spinning took four times the time of one."""
     shown = {"OMP_DISPLAY_ENV": "true"} | ({"OMP_WAIT_POLICY": own} if own else {})

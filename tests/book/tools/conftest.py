@@ -253,11 +253,13 @@ def hostile(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def small_site(tmp_path_factory):
-    """The small book, and the folder of its site."""
-    folder = tmp_path_factory.mktemp("site")
-    book = write_book(folder)
-    return SimpleNamespace(book=book, folder=build(folder / "html", book))
+def small_site(shared_cache):
+    """The small book, and the folder of its site, built once for all processes of a run."""
+    folder = shared_cache / "small site"
+    with file_lock(folder):
+        if not (folder / "html").exists():
+            build(folder / "html", write_book(folder))
+    return SimpleNamespace(book=folder / "project" / "book", folder=folder / "html")
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,9 @@
-"""The teacher's rehearsal: what students do to a notebook, and what it tells them then."""
+"""The teacher's rehearsal: what students do to a notebook, and what it tells them then.
 
+Every notebook of exercises and of solutions runs here, and only here: pages run under nbval.
+"""
+
+import ast
 import doctest
 import functools
 import importlib
@@ -7,6 +11,7 @@ import importlib
 import nbformat
 import pytest
 import torch
+from matplotlib.figure import Figure
 from nbclient import NotebookClient
 
 from book.tools.checks import DONE, NOT_DONE, NOT_RIGHT, Answer, Exercise
@@ -39,11 +44,27 @@ def played(path):
     for cell in read_notebook(path).cells:
         if cell.cell_type != "code":
             continue
-        exec(compile(cell.source, "<cell>", "exec"), space)
+        body, shown = ast.parse(cell.source).body, None
+        if body and isinstance(body[-1], ast.Expr) and not cell.source.rstrip().endswith(";"):
+            shown = ast.Expression(body.pop().value)
+        exec(compile(ast.Module(body, []), "<cell>", "exec"), space)
+        if shown is not None:
+            show(eval(compile(shown, "<cell>", "eval"), space))
         answer = space.pop("answer", None)
         if isinstance(answer, Answer):
             answers[answer.line.partition(":")[0]] = answer
     return space, answers
+
+
+def show(thing):
+    """What a notebook does with the last line of a cell; of a figure no file is made."""
+    if isinstance(thing, Figure):
+        thing.draw_without_rendering()
+        return
+    for name in ("_repr_mimebundle_", "_repr_html_", "_repr_markdown_"):
+        if hasattr(thing, name):
+            assert getattr(thing, name)()
+    assert repr(thing)
 
 
 def checks(page):

@@ -3,24 +3,32 @@
 import pytest
 
 from data_tools.main import main as data_main
+from data_tools.storage.locks import file_lock
 from posecore.methods.main import main
-from tests.methods.vector_field.commands import train_words
+from tests.methods.vector_field.commands import WEIGHTS, train_words
 
 
 @pytest.fixture(scope="session")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("commands")
+def folder(shared_cache):
+    """Where both are, for all processes of a test run: whoever asks first makes them."""
+    folder = shared_cache / "commands"
+    folder.mkdir(exist_ok=True)
+    return folder
 
 
 @pytest.fixture(scope="session")
 def source(folder):
     """`tabletop` as a BOP dataset."""
-    assert data_main(["export", str(folder / "bop"), "--scale", "tiny", "--count", "12"]) == 0
-    return f"bop:{folder / 'bop'}"
+    made, words = folder / "bop", ["--scale", "tiny", "--count", "12"]
+    with file_lock(made):
+        assert made.exists() or data_main(["export", str(made), *words]) == 0
+    return f"bop:{made}"
 
 
 @pytest.fixture(scope="session")
 def run(source, folder):
     """Nothing in it is to be changed."""
-    assert main(train_words(source, folder / "run")) == 0
-    return folder / "run"
+    made = folder / "run"
+    with file_lock(made):
+        assert (made / WEIGHTS[-1]).exists() or main(train_words(source, made)) == 0
+    return made

@@ -25,6 +25,7 @@ from posecore.methods.vector_field.runs import read_run
 from posecore.nets.resnet import ResNet
 from posecore.training import fit
 from posecore.training.loop import ADAM
+from tests.launched import two_launched
 from tests.methods.vector_field.commands import (
     WEIGHTS,
     contents,
@@ -147,14 +148,23 @@ def test_a_finished_run_stays_as_it_is(run, source, monkeypatch):
 
 def test_two_processes(run, source, tmp_path, capsys):
     out = tmp_path / "two"
-    launch = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
-    words = [*launch, "-m", "posecore", *train_words(source, out)]
-    done = subprocess.run(
-        [sys.executable, *words], env=ENVIRONMENT | {"OMP_NUM_THREADS": "1"},
-        capture_output=True, text=True, timeout=240,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert [line.split(":")[0] for line in done.stdout.splitlines()] == ["net", "refiner"]
+    words = [sys.executable, "-m", "posecore", *train_words(source, out)]
+    both = [
+        subprocess.Popen(
+            words, env=ENVIRONMENT | {"OMP_NUM_THREADS": "1"} | launched,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )
+        for launched in two_launched()
+    ]  # fmt: skip
+    with both[0], both[1]:
+        try:
+            said = [process.communicate(timeout=240) for process in both]
+        finally:
+            for process in both:
+                process.kill()
+    assert [process.returncode for process in both] == [0, 0], said
+    lines = "".join(out for out, _ in said).splitlines()
+    assert [line.split(":")[0] for line in lines] == ["net", "refiner"]
     assert (out / "run.json").read_bytes() == (run / "run.json").read_bytes()
     for name in WEIGHTS:
         two, one = (safetensors.torch.load_file(path / name) for path in (out, run))
