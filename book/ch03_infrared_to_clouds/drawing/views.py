@@ -65,7 +65,7 @@ def masks(image: np.ndarray, steps: Mapping[str, np.ndarray], columns: int = 4) 
 
 def li_steps(values: np.ndarray, thresholds: Sequence[float]) -> Picture:
     """A histogram of brightness, and the thresholds one after the other."""
-    counts, edges = np.histogram(values, bins=np.arange(0, values.max() + 2))
+    counts, edges = np.histogram(values, bins=np.arange(0, int(values.max()) + 2))
     middle = (edges[:-1] + edges[1:]) / 2
     said = ", ".join(f"{t:.1f}" for t in thresholds)
     return chart(
