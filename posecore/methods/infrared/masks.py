@@ -121,6 +121,9 @@ def object_mask(
 ) -> np.ndarray:
     """The paper's mask: what is brighter than Li's threshold within the cuboid at the true pose.
 
+    The threshold is that of the whole image with zeros outside the cuboid. (Of the inside alone it
+    is far too high where a face fills the cuboid, as then all of that is bright.)
+
     Args:
         image: (H, W) infrared.
         K, R, t: as for `cuboid_mask`.
@@ -140,4 +143,4 @@ def object_mask(
         region = cuboid_mask(K, R, t, values.shape[::-1], sides=sides, centre=centre)
     if not region.any():
         return region
-    return region & (values > li_threshold(values[region]))
+    return region & (values > li_threshold(np.where(region, values, 0)))
