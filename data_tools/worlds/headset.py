@@ -153,7 +153,7 @@ def draw(
 
     Args:
         index: of the instant, from 0 on: views 3 * index to 3 * index + 2 of the split.
-        split: "train" or "test".
+        split: "train", "test" or "crowd".
         scale: "tiny", "book" or "paper"; None for the one in force.
         daylight: from 0 at night to 1; None for that of the record.
         gain: factor on the exposure of the cameras, above 0.

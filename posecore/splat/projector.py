@@ -11,6 +11,7 @@ Section 3.1.2.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -60,20 +61,24 @@ def to_voxels(
     extent = require_number("extent", extent, above=0)
     if not isinstance(K, Tensor) or K.shape[-2:] != (3, 3):
         fail("K", "a tensor of shape (..., 3, 3)", _shown(K))
-    K = K.to(points)
-    z = points[..., 2]
+    K, z = K.to(points), points[..., 2]
+    middle = torch.as_tensor(depth, dtype=z.dtype, device=z.device)
+    for name, value, lead in (("K", K, K.shape[:-2]), ("depth", middle, middle.shape)):
+        if not _fits(lead, points.shape[:-2]):
+            fail(name, f"{tuple(points.shape[:-2])} of them or one", f"shape {tuple(value.shape)}")
+        if not bool(value.isfinite().all()):
+            fail(name, "finite numbers", "others")
     seen = z >= NEAR
     safe = torch.where(seen, z, 1)
     x, y = points[..., 0] / safe, points[..., 1] / safe
     k = K[..., None, :, :]
     u = k[..., 0, 0] * x + k[..., 0, 1] * y + k[..., 0, 2]
     v = k[..., 1, 1] * y + k[..., 1, 2]
-    middle = torch.as_tensor(depth, dtype=z.dtype, device=z.device)[..., None]
     voxels = torch.stack(
         [
             (u + 0.5) * (size[0] / width) - 0.5,
             (v + 0.5) * (size[1] / height) - 0.5,
-            (z - middle) * (size[2] / extent) + (size[2] - 1) / 2,
+            (z - middle[..., None]) * (size[2] / extent) + (size[2] - 1) / 2,
         ],
         -1,
     )
@@ -120,15 +125,18 @@ def render(
         not isinstance(intensities, Tensor) or intensities.shape != points.shape[:-1]
     ):
         fail("intensities", f"shape {tuple(points.shape[:-1])} or None", _shown(intensities))
+    if intensities is not None and not bool(intensities.isfinite().all()):
+        fail("intensities", "finite numbers", "others")
     scales = torch.as_tensor(scale, dtype=points.dtype, device=points.device)
     if scales.shape not in ((), lead):
         fail("scale", f"one number or shape {tuple(lead)}", _shown(scales))
     if not bool(((scales >= 0) & (scales <= 1)).all()):
         fail("scale", "numbers from 0 to 1", "others")
     shades = None if intensities is None else intensities.to(points.dtype)
+    clouds = math.prod(lead)
     silhouette, picture = _Render.apply(
-        points.reshape(-1, *points.shape[-2:]),
-        None if shades is None else shades.reshape(-1, points.shape[-2]),
+        points.reshape(clouds, *points.shape[-2:]),
+        None if shades is None else shades.reshape(clouds, points.shape[-2]),
         scales.expand(lead).reshape(-1),
         size,
         sigma,
@@ -152,6 +160,7 @@ class _Render(torch.autograd.Function):
         sigma: float,
     ) -> tuple[Tensor, Tensor | None]:
         count, voxels = len(points), size[0] * size[1] * size[2]
+        ctx.none = () if count else (points, intensities, scales)
         ctx.part = max(1, AT_ONCE.get(points.device.type, ELSEWHERE) // voxels)
         points, scales = points.detach(), scales.detach()
         with torch.autocast(points.device.type, enabled=False):
@@ -184,8 +193,9 @@ class _Render(torch.autograd.Function):
                 )
                 for k, back in enumerate(ctx.back)
             ]
-        if not grads:
-            return None, None, None, None, None
+        if not grads:  # without clouds
+            zeros = (None if x is None else torch.zeros_like(x) for x in ctx.none)
+            return *zeros, None, None
         points = torch.cat([grad.points for grad in grads])
         shades = None
         if of_picture is not None:
@@ -200,6 +210,13 @@ def _require_points(name: str, points: Tensor) -> None:
         fail(name, "floating point numbers", points.dtype)
     if not bool(points.isfinite().all()):
         fail(name, "finite numbers", "others")
+
+
+def _fits(shape: torch.Size, lead: torch.Size) -> bool:
+    """Whether something of this shape can be repeated for each of the leading dimensions."""
+    return len(shape) <= len(lead) and all(
+        own in (1, whole) for own, whole in zip(shape[::-1], lead[::-1], strict=False)
+    )
 
 
 def _require_size(name: str, size: Sequence[int], count: int) -> tuple[int, ...]:

@@ -40,7 +40,7 @@ def kernel(sigma: float) -> tuple[float, ...]:
     """A Gaussian at 0, 1, ... voxels from its middle, cut at three sigma; both sides sum to 1."""
     if sigma == 0:
         return (1.0,)
-    half = [math.exp(-0.5 * (k / sigma) ** 2) for k in range(math.ceil(3 * sigma) + 1)]
+    half = [math.exp(-0.5 * (k / sigma) * (k / sigma)) for k in range(math.ceil(3 * sigma) + 1)]
     total = 2 * sum(half) - half[0]
     return tuple(value / total for value in half)
 
@@ -144,6 +144,8 @@ def _boxes(
     The boxes are as large as the largest needs to be: their lowest corners (B, 3), and the shape.
     """
     limits = points.new_tensor(size)
+    if not points.shape[1]:
+        return points, points, points.new_zeros(len(points), 3).long(), (0, 0, 0)
     # Further out than a voxel no weight is in the volume, so it may be anywhere there.
     near = torch.minimum(points.clamp(min=-2), limits + 1)
     base = near.floor()

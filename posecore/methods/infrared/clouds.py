@@ -79,7 +79,8 @@ class CloudSet:
         Raises:
             OSError: if it cannot be written.
         """
-        kept = {name: tensor.contiguous() for name, tensor in self._tensors().items()}
+        # Copies of their own: the format refuses tensors that share memory.
+        kept = {name: tensor.contiguous().clone() for name, tensor in self._tensors().items()}
         about = {"made_from": json.dumps(self.made_from), "digest": weights.digest(kept)}
         write_bytes(Path(path), safetensors.torch.save(kept, about))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from data_tools.batches import Stack
@@ -64,7 +65,7 @@ def write_clouds(options: argparse.Namespace) -> None:
     nets = run.load_nets()
     scale = run.options["scale"]
     recipe = RECIPES[scale]
-    data, triples = open_triples(options.data, options.split, scale, recipe, True)
+    data, triples = open_triples(options.data, options.split, scale, recipe, True, _no_mask)
     if triples.images.shape[:2:-1] != run.image:
         fail("--data", f"images that are reduced to {run.image}", triples.images.shape[:2:-1])
     origin = made_from(nets, triples)
@@ -95,6 +96,11 @@ def predicted(
         scale=pick("scale"), net=which, scene_id=data.scene_id, image_id=data.image_id,
         group=data.group, T_world_cam=data.T_world_cam, made_from=origin,
     )  # fmt: skip
+
+
+def _no_mask(image: np.ndarray, *_: np.ndarray) -> np.ndarray:
+    """For data that need not have any: a cloud is made of its image alone."""
+    return np.zeros(image.shape, bool)
 
 
 def _holds(path: Path, origin: dict) -> bool:

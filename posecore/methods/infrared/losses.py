@@ -112,7 +112,7 @@ class CloudLoss:
         )
         off = cloud.t - batch["t"]
         if self.box_units:
-            off = off / (net.high - net.low)
+            off = off / (net.high - net.low).clamp(min=1e-3)  # of a single place it is none
         parts = {"translation": off.square().sum(-1).mean(), **self._of_pictures(pictures, batch)}
         weighted = zip(self.weights, parts.values(), strict=False)
         return {"loss": sum(weight * part for weight, part in weighted), **parts}

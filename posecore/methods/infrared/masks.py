@@ -46,11 +46,16 @@ def cuboid_mask(
     """
     camera, R, t = to_numbers("K", K), to_numbers("R", R), to_numbers("t", t)
     require_intrinsics("K", camera)
-    half = to_numbers("sides", sides) / 2
+    for name, value, shape in (("R", R, (3, 3)), ("t", t, (3,))):
+        if value.shape != shape:
+            fail(name, f"shape {shape}", f"shape {value.shape}")
+    half, middle = to_numbers("sides", sides) / 2, to_numbers("centre", centre)
     if half.shape != (3,) or not (half > 0).all():
         fail("sides", "three lengths above 0", sides)
+    if middle.shape != (3,):
+        fail("centre", "shape (3,)", f"shape {middle.shape}")
     signs = np.stack(np.meshgrid(*[(-1, 1)] * 3, indexing="ij"), -1).reshape(8, 3)
-    corners = (to_numbers("centre", centre) + signs * half) @ R.T + t
+    corners = (middle + signs * half) @ R.T + t
     if not np.isfinite(corners).all() or (corners[:, 2] < NEAR).any():
         fail("t", "a cuboid in front of the camera", t.tolist())
     pixels = corners @ camera.T
@@ -80,6 +85,7 @@ def li_threshold(values: np.ndarray, *, tolerance: float | None = None) -> float
 
     Returns:
         The threshold: above it is foreground. Of values that are all the same it is that value.
+        Where nothing but the lowest value is at or below it, it stays as it is then.
 
     Raises:
         ValueError: if there are no values, or one is negative or not finite.
@@ -93,8 +99,7 @@ def li_threshold(values: np.ndarray, *, tolerance: float | None = None) -> float
     if tolerance is None:
         tolerance = float(np.diff(levels).min()) / 2
     tolerance = require_number("tolerance", tolerance, above=0)
-    # Cross-entropy needs values above 0: they are shifted to begin at 0, as it is defined for
-    # ratios, and a mean of 0 has no logarithm.
+    # Cross-entropy is defined for ratios: values are shifted to begin at 0.
     shift = levels[0]
     levels = levels - shift
     below, total = np.cumsum(counts), np.cumsum(counts * levels)
@@ -105,7 +110,8 @@ def li_threshold(values: np.ndarray, *, tolerance: float | None = None) -> float
         k = min(k, len(levels) - 2)
         dark = total[k] / below[k]
         bright = (total[-1] - total[k]) / (below[-1] - below[k])
-        dark = max(dark, 1e-12 * bright)
+        if dark == 0:  # only the lowest value is below, and a mean of 0 has no logarithm
+            break
         threshold = float((bright - dark) / (np.log(bright) - np.log(dark)))
     return threshold + float(shift)
 

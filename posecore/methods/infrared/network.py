@@ -76,7 +76,7 @@ class CloudNet(nn.Module):
         across, down = (require_integer("image", side, 1) for side in image)
         for name, value in (
             ("points", points), ("width", width), ("blocks", blocks), ("hidden", hidden),
-            ("max_channels", max_channels or 1),
+            ("max_channels", 1 if max_channels is None else max_channels),
         ):  # fmt: skip
             require_integer(name, value, 1)
         self.image, self.cube = (across, down), require_number("cube", cube, above=0)

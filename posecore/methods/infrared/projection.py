@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from posecore.splat import Pictures, render, to_voxels
@@ -27,8 +28,10 @@ def into_views(points: Tensor, own: Tensor, T_world_cam: Tensor) -> Tensor:
     Returns:
         (B, J, N, 3) metres.
     """
-    world = points @ own[:, :3, :3].mT + own[:, None, :3, 3]
-    return (world[:, None] - T_world_cam[:, :, None, :3, 3]) @ T_world_cam[:, :, :3, :3]
+    # In a training in half precision, too, whose products would be off by millimetres.
+    with torch.autocast(points.device.type, enabled=False):
+        world = points @ own[:, :3, :3].mT + own[:, None, :3, 3]
+        return (world[:, None] - T_world_cam[:, :, None, :3, 3]) @ T_world_cam[:, :, :3, :3]
 
 
 @dataclass(frozen=True)

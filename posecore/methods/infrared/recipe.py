@@ -133,8 +133,8 @@ RECIPES = {
         loss=partial(CloudLoss, blur=(2.0, 0.4), keep=(0.2, 1.0)),
     ),
     "book": Recipe(
-        image=(160, 94), grid=(80, 47, 80), points=512, blocks=6, batch=16, steps=4000, **BEST,
-        loss=partial(CloudLoss, blur=(3.0, 0.6), keep=(0.2, 1.0)),
+        image=(160, 94), grid=(80, 47, 80), points=512, blocks=6, batch=16, steps=4500, **BEST,
+        loss=partial(CloudLoss, blur=(4.0, 0.8), keep=(0.2, 1.0)),
     ),
     # The paper; blocks, batch and steps are not in it.
     "paper": Recipe(

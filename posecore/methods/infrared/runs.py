@@ -78,7 +78,9 @@ class InfraredRun(runs.Run):
             (V,) int64, the network's number. A scene that no network knows is divided among them
             by its groups; one that all of them know, as without folds, gets the first.
         """
-        knows = torch.stack([torch.isin(scene_id, torch.tensor(s)) for s in self.scenes], 1)
+        knows = torch.stack(
+            [torch.isin(scene_id, torch.tensor(s, dtype=scene_id.dtype)) for s in self.scenes], 1
+        )
         turn = group[:, None] + torch.arange(len(self.scenes))
         order = turn % len(self.scenes)  # (V, F) the networks in the order in which they are asked
         unknown = ~knows.gather(1, order)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -71,9 +72,14 @@ def _train(job: Job, run: InfraredRun, name: str, recipe: Recipe, triples: Tripl
 
 
 def open_triples(
-    source: str, split: str | None, scale: str, recipe: Recipe, show: bool
+    source: str,
+    split: str | None,
+    scale: str,
+    recipe: Recipe,
+    show: bool,
+    mask_of: Callable[..., np.ndarray] | None = None,
 ) -> tuple[Stack, Triples]:
-    """The data that a command is given, and what the networks see of it.
+    """The data that a command is given, and what the networks see of it; `mask_of` of `Triples`.
 
     Raises:
         ValueError: if there are no such data, or they lack what the recipe needs.
@@ -81,7 +87,7 @@ def open_triples(
     dataset = open_source(source, split, scale, show=show)
     data = load(dataset, progress=show and sys.stderr.isatty())
     try:
-        return data, recipe.triples(data)
+        return data, recipe.triples(data, mask_of)
     except ValueError as error:
         raise ValueError(f"--data: {source}: {error}") from error
 

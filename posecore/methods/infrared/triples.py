@@ -210,6 +210,8 @@ def first_rows(data: Stack) -> Tensor:
     Raises:
         ValueError: if a view has no object.
     """
+    if not len(data.view):
+        fail("data", "objects with their poses", "none")
     rows = torch.searchsorted(data.view, torch.arange(len(data)))
     found = data.view[rows.clamp(max=len(data.view) - 1)] == torch.arange(len(data))
     if not bool(found.all()):
