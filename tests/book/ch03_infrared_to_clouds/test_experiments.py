@@ -1,14 +1,70 @@
-"""What chapter 03 measures."""
+"""What chapter 3 measures: the sizes that are compared, and that each claim has its numbers."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
+import torch
 
-from book.ch03_infrared_to_clouds import experiments
+from book.ch03_infrared_to_clouds import cloud_training as training
+from book.ch03_infrared_to_clouds import experiments, looking, threshold_masks
+from posecore.methods.infrared.losses import CloudLoss
 
-pytestmark = pytest.mark.slow
+
+def test_each_run_differs_from_the_first_in_what_it_says(monkeypatch):
+    monkeypatch.setenv("POSECORE_SCALE", "tiny")
+    first = training.compared()
+    for name, changes in experiments.RUNS.items():
+        own = {key: value for key, value in changes.items() if key != "split"}
+        recipe = training.compared(**own)
+        loss = recipe.new_loss((80, 47))
+        for key, value in own.items():
+            holder = loss if key in CloudLoss.__annotations__ else recipe
+            assert getattr(holder, key) == value, name
+        assert (
+            replace(
+                recipe, loss=first.loss, **{k: getattr(first, k) for k in own if hasattr(first, k)}
+            )
+            == first
+        )
 
 
-def test_a_seed_repeats_itself_and_another_differs():
-    numbers = experiments.whole_images(0)
-    assert numbers == experiments.whole_images(0) != experiments.whole_images(1)
+def test_every_claim_is_about_runs_that_there_are():
+    known = set(experiments.RUNS) | {"head straight ahead", "head at the true pose"}
     for claim in experiments.CLAIMS:
-        assert {claim.favoured, claim.other} <= numbers.keys()
+        if claim.measurement != "masks":
+            assert {claim.favoured.method, claim.other.method} <= known
+        assert claim.measurement in experiments.MEASUREMENTS
+
+
+@pytest.mark.slow
+def test_masks_by_thresholds_have_overlaps(shared_cache):
+    values = threshold_masks.measure(0)
+    assert len(values) == 6 and all(0 < value < 100 for value in values.values())
+    by_key = {(key.method, key.split): value for key, value in values.items()}
+    assert by_key["Li", "in the cuboid"] > by_key["Li", "whole image"]
+
+
+def test_overlap_and_otsu():
+    image = np.array([[10, 10, 200], [12, 205, 210]], np.uint8)
+    assert 12 <= threshold_masks.otsu_threshold(image) < 200
+    some, empty = image > 100, np.zeros((2, 3), bool)
+    assert threshold_masks.overlap_of(some, image > 203) == pytest.approx(2 / 3)
+    assert threshold_masks.overlap_of(empty, empty) == 1
+
+
+@pytest.mark.slow
+def test_measured_clouds_and_floors(shared_cache):
+    recipe = training.compared()
+    net = looking.blank_net(recipe).eval()
+    net.high.copy_(torch.tensor([0.2, 0.2, 1.0]))
+    measured = training.evaluate(net, recipe, most=2)
+    assert measured.overlaps.shape == measured.at_truth.shape == (2, 3, 3)
+    assert measured.off.shape == measured.views.shape == (2, 3)
+    unseen = measured.unseen(torch.arange(9.0).view(1, 3, 3))
+    assert unseen.tolist() == [[1.5, 4.0, 6.5]]  # without the diagonal
+    floors = training.floors(0)
+    straight, posed = (overlaps.mean() for overlaps in floors.values())
+    assert 0.2 < straight < posed < 1
+    assert looking.ceiling(2) > posed
+    assert 0.02 < looking.constant_translation() < 0.2
