@@ -376,7 +376,7 @@ for sigma in (0.0, 1.0, 3.0):
     points = torch.stack([22 + far, torch.full_like(far, 24), torch.full_like(far, 5)], -1)
     points = points[:, None].requires_grad_()  # 61 clouds of one point
     seen = render(points, (48, 48, 11), sigma=sigma).silhouette
-    (seen - target).square().sum().backward()
+    (-2 * seen * target).sum().backward()  # of (seen - target)², what depends on both
     towards = points.grad[:, 0, 0]  # along x, away from the disc where positive
     pulls[f"blur σ = {sigma:g}"] = (far.numpy(), towards.abs().numpy() / towards.abs().max().item())
 splats.reach(pulls)
@@ -430,7 +430,8 @@ figures.point_clouds(
 )
 
 # %% [markdown]
-# Look at it from the side. Nobody told the points a depth, and yet they have one: the left and the
+# (A few points began too far away for any blur, and are lost: their gradient is too faint.) Look at
+# the cloud from the side. Nobody told the points a depth, and yet they have one: the left and the
 # right mask pulled them there. The points fill the *hull*, inside too, where no camera looks.
 #
 # <details><summary>Points inside the heap have no gradient. Why does that do no harm?</summary>
@@ -524,6 +525,11 @@ views.silhouettes(
 )  # fmt: skip
 
 # %% [markdown]
+# The silhouettes are grey, not white. Count: a point fills one voxel at the most, and a head covers
+# 600 to 1200 pixels of this grid. So 512 points have less than one for each pixel, front and back
+# together, and cannot stop all light. More points would, or a coarser grid; the paper's own sizes,
+# 2000 points before 160 x 94 pixels, have as few for each.
+#
 # ## 8. What is right, wrong and guessed
 #
 # Four drivers are in the test split, and none of them is among the 96. For every view of theirs the

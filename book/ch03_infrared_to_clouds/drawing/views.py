@@ -121,16 +121,13 @@ def gallery(
 
 def from_the_side(axes: Axes, cloud: np.ndarray, surface: np.ndarray) -> None:
     """Clouds from the side, the camera to the left: depth to the right, down is down."""
-    for points, colour, size, label in (
-        (surface, "#999999", 1.5, "the surface seen"), (cloud, COLOURS[1], 3, "the cloud"),
-    ):  # fmt: skip
-        axes.scatter(100 * points[:, 2], 100 * points[:, 1], s=size, color=colour, label=label)
+    for points, colour, size in ((surface, "#999999", 1.5), (cloud, COLOURS[1], 3)):
+        axes.scatter(100 * points[:, 2], 100 * points[:, 1], s=size, color=colour)
     axes.set_aspect("equal")
     axes.invert_yaxis()
     axes.set_xlabel("depth, cm", fontsize=8)
-    axes.set_title("from the side", fontsize=9)
+    axes.set_title("from the side: cloud orange", fontsize=8)
     axes.tick_params(labelsize=7)
-    axes.legend(fontsize=6, loc="lower right")
 
 
 def poses_apart(view: View, degrees: float) -> Picture:
