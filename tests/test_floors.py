@@ -14,7 +14,8 @@ FLOORS = {
     "arrays": 0, "rotations": 0, "scale": 0, "files": 0, "weights": 0, "fingerprint": 0,
     "loaded": 0, "command_line": 0, "randomness": 0,
     "poses": 1, "cameras": 1, "clouds": 1, "symmetry": 1,
-    "metrics": 2, "registration": 2, "models": 2, "splat": 2,
+    "splat": 1,
+    "metrics": 2, "registration": 2, "models": 2,
     "nets": 3,
     "training": 4, "figures": 4, "refinement": 4,
 }  # fmt: skip
@@ -154,6 +155,18 @@ def test_the_rule_sees_what_is_planted(module, line, place):
 )
 def test_the_rule_allows_what_goes_down(module, line):
     assert offences(module, line) == []
+
+
+def test_the_projector_needs_nothing_but_arrays():
+    """So that it can be taken out and used alone."""
+    rooms = {
+        name.split(".")[1]
+        for module in MODULES
+        if module.startswith("posecore.splat")
+        for name in imported(ast.walk(ast.parse(SOURCES[module])))
+        if name.startswith("posecore.")
+    }
+    assert rooms == {"splat", "arrays"}
 
 
 def test_every_room_has_a_floor():
