@@ -25,43 +25,69 @@ def in_the_foreground():
     signal.signal(signal.SIGINT, before)
 
 
-def test_every_package_is_a_method_and_has_both_commands():
+COMMANDS = ("train", "estimate", "clouds")
+
+
+def command_of(method):
+    return importlib.import_module(f"posecore.methods.{method}.command")
+
+
+def methods_of(command):
+    """The methods that have it: all can be trained, and then give poses or clouds."""
+    return [method for method in METHODS if hasattr(command_of(method), f"add_{command}")]
+
+
+def test_every_package_is_a_method_that_trains_and_gives_something():
     (folder,) = map(Path, methods.__path__)
     packages = {path.parent.name for path in folder.glob("*/__init__.py")}
     assert set(METHODS) == packages and len(set(METHODS)) == len(METHODS)
-    for method in METHODS:
-        command = importlib.import_module(f"posecore.methods.{method}.command")
-        assert callable(command.add_train) and callable(command.add_estimate)
+    assert methods_of("train") == list(METHODS)
+    assert set(methods_of("estimate")) | set(methods_of("clouds")) == set(METHODS)
+    for command in COMMANDS:
+        for method in methods_of(command):
+            assert callable(getattr(command_of(method), f"add_{command}"))
 
 
-@pytest.mark.parametrize("words", [["--help"], ["train", "--help"], ["estimate", "--help"]])
-def test_help_names_what_there_is(capsys, words):
+def test_help_names_the_commands(capsys):
     with pytest.raises(SystemExit, match="0"):
-        main(words)
+        main(["--help"])
     shown = capsys.readouterr().out
-    for name in METHODS if len(words) > 1 else ("evaluate", "train", "estimate"):
+    for name in ("evaluate", *COMMANDS):
         assert f"    {name}" in shown
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_names_the_methods_that_have_a_command(capsys, command):
+    with pytest.raises(SystemExit, match="0"):
+        main([command, "--help"])
+    shown = capsys.readouterr().out
+    assert {name for name in METHODS if f"    {name}" in shown} == set(methods_of(command))
+
+
 @pytest.mark.parametrize(
     ("command", "options"),
     [
         ("train", ["--data", "--split", "--out", "--objects", "--scale", "--seed", "--device"]),
         ("estimate", ["--run", "--data", "--split", "--targets", "--output", "--device"]),
+        ("clouds", ["--run", "--data", "--split", "--output", "--device"]),
     ],
 )
-def test_every_method_has_the_shared_options(capsys, method, command, options):
-    with pytest.raises(SystemExit, match="0"):
-        main([command, method, "--help"])
-    shown = capsys.readouterr().out
-    for option in options:
-        assert f"  {option}" in shown
+def test_every_method_has_the_shared_options(capsys, command, options):
+    for method in methods_of(command):
+        with pytest.raises(SystemExit, match="0"):
+            main([command, method, "--help"])
+        shown = capsys.readouterr().out
+        for option in options:
+            assert f"  {option}" in shown
 
 
 @pytest.mark.parametrize(
-    "words", [[], ["guess"], ["train"], ["estimate", "nothing"], ["evaluate", "one.csv"]]
-)
+    "words",
+    [
+        [], ["guess"], ["train"], ["estimate", "nothing"], ["evaluate", "one.csv"], ["clouds"],
+        ["estimate", "infrared"], ["clouds", "vector_field"],
+    ],
+)  # fmt: skip
 def test_what_is_no_command_ends_with_2(capsys, words):
     with pytest.raises(SystemExit, match="2"):
         main(words)
@@ -102,7 +128,8 @@ def test_evaluate_waits_for_no_method(tmp_path):
     assert "error: " in done.stderr and "est.csv" in done.stderr
     imported = {line.split("|")[-1].strip() for line in done.stderr.splitlines()}
     assert "posecore.methods.evaluating" in imported
-    assert not [name for name in imported if name.startswith("posecore.methods.vector_field")]
+    packages = tuple(f"posecore.methods.{method}" for method in METHODS)
+    assert not [name for name in imported if name.startswith(packages)]
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ImportError, RuntimeError, ValueError])
