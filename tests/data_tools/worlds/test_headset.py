@@ -13,7 +13,7 @@ from data_tools.storage.records import encode_record
 from data_tools.views import View
 from data_tools.worlds import headset
 from data_tools.worlds.headset import CAMERAS, HEAD, SUBJECTS, WORLD, draw
-from data_tools.worlds.headset_scenes import LIMITS, who_wears_what
+from data_tools.worlds.headset_scenes import LIMITS, TOGETHER, who_wears_what
 from data_tools.worlds.world import Size
 from posecore.cameras import project
 from posecore.poses import apply, from_matrix, to_matrix
@@ -34,9 +34,9 @@ def triples(tiny_views):
 
 def test_sizes_of_the_splits(tiny_views):
     for name, size, counts in (
-        ("tiny", (80, 47), {"train": 48, "test": 16}),
-        ("book", (160, 94), {"train": 3000, "test": 400}),
-        ("paper", (320, 188), {"train": 40_000, "test": 4000}),
+        ("tiny", (80, 47), {"train": 48, "test": 16, "crowd": 32}),
+        ("book", (160, 94), {"train": 3000, "test": 400, "crowd": 3000}),
+        ("paper", (320, 188), {"train": 40_000, "test": 4000, "crowd": 40_000}),
     ):
         found = WORLD.sizes[name]
         assert ((found.width, found.height), dict(found.counts)) == (size, counts)
@@ -46,20 +46,47 @@ def test_sizes_of_the_splits(tiny_views):
     assert len({view.image_id for view in views}) == len(views)
 
 
-def test_no_driver_is_in_both_splits_and_all_wear_all_glasses(tiny_views):
+def test_no_driver_is_in_two_splits_and_all_wear_all_glasses(tiny_views):
     for scale in ("tiny", "book"):
-        drivers = {}
-        for split, count in WORLD.sizes[scale].counts.items():
+        drivers = Counter()
+        for split in ("train", "test"):
+            count = WORLD.sizes[scale].counts[split]
             worn = Counter(who_wears_what(split, index) for index in range(count))
             assert set(worn) == {(s, g) for s in SUBJECTS[split] for g in range(4)}
             assert max(worn.values()) - min(worn.values()) <= 1
-            drivers[split] = {subject for subject, _ in worn}
-        assert len(drivers["train"] | drivers["test"]) >= 12
-        assert not drivers["train"] & drivers["test"]
-    for split in WORLD.splits:
+            drivers.update({subject for subject, _ in worn})
+        assert len(drivers) >= 12
+        drivers.update(SUBJECTS["crowd"])
+        assert max(drivers.values()) == 1
+    for split in FEW.splits:
         for view in tiny_views(FEW, split):
             who = (view.scene_id, view.objects[0].object_id - 1)
             assert who == who_wears_what(split, view.group[1])
+
+
+def test_the_crowd_is_of_many_drivers_a_few_instants_in_a_row():
+    """Meshes of a driver are costly, so they are made once for several records."""
+    for scale, people in (("tiny", 4), ("book", 96), ("paper", 96)):
+        count = WORLD.sizes[scale].counts["crowd"]
+        drawn = [who_wears_what("crowd", index) for index in range(count)]
+        worn = Counter(drawn)
+        assert len({subject for subject, _ in worn}) == people <= len(SUBJECTS["crowd"]) == 96
+        assert len(worn) == 4 * people
+        assert max(worn.values()) - min(worn.values()) <= TOGETHER // 4
+        subjects = np.array([subject for subject, _ in drawn])
+        assert (subjects[1:] != subjects[:-1]).sum() == -(-count // TOGETHER) - 1
+
+
+def test_the_crowd_is_drawn_as_the_others_are():
+    views = draw(9, split="crowd", scale="tiny")
+    assert [view.scene_id for view in views] == [SUBJECTS["crowd"][1]] * 3
+    assert [view.image_id for view in views] == [27, 28, 29]
+    assert all(item.object_id == 2 for item in (view.objects[0] for view in views))
+    for view in views:
+        share = headset.foreground(view).mean()
+        assert 0.02 < share < 0.5 and view.ir[headset.foreground(view)].mean() > 20
+    other = draw(17, split="crowd", scale="tiny")[1].objects[1].size
+    assert not np.allclose(other, views[1].objects[1].size, atol=1e-4)  # of another head
 
 
 def test_the_views_of_an_instant_agree_on_where_the_glasses_are(triples):
