@@ -78,14 +78,18 @@ def rendered(
         torch.mul(light, share, out=stack[1])
     # Scaled before it is blurred, as the box is smaller then.
     factor = (scales * MOST)[:, None]
-    blurs = [_band(n, sigma, points.dtype, points.device) for n in shape]
+    margins = _margins(low, shape, size, sigma)
+    blurs = [
+        _band(n, margin, sigma, points.dtype, points.device)
+        for n, margin in zip(shape, margins, strict=True)
+    ]
     scaled = (stack * factor).view(-1, shape[2], shape[1], shape[0])
     volumes = _blur(scaled, blurs).unflatten(0, stack.shape[:2])
-    reach = len(kernel(sigma)) - 1
-    beyond = _beyond(low[:, 2] - reach, volumes.shape[2], size[2])
+    begin = low - low.new_tensor([before for before, _ in margins])
+    beyond = _beyond(begin[:, 2], volumes.shape[2], size[2])
     if beyond is not None:  # what the blur moved out of the grid stops no light
         volumes.masked_fill_(beyond, 0)
-    places = _places(low, reach, volumes.shape[-2:], size)
+    places = _places(begin, volumes.shape[-2:], size)
     free = 1 - volumes[0]
     logs = free.log().cumsum_(1)
     passed = logs[:, -1].exp()  # the light that no voxel stops
@@ -157,6 +161,16 @@ def _boxes(
     return base, near - base, low.long(), tuple(int(side) for side in sides.clamp(min=0).tolist())
 
 
+def _margins(
+    low: Tensor, shape: tuple[int, int, int], size: tuple[int, int, int], sigma: float
+) -> list[tuple[int, int]]:
+    """Along each axis how far the blur is followed before and behind the boxes: into the grid."""
+    reach = len(kernel(sigma)) - 1
+    behind = low.new_tensor(size) - low.new_tensor(shape) - low
+    rooms = torch.stack([low, behind]).amax(1).clamp(0, reach).T.tolist()
+    return [(before, after) for before, after in rooms]
+
+
 def _beyond(first: Tensor, depth: int, limit: int) -> Tensor | None:
     """(B, depth, 1, 1) which slices lie outside of the grid; None if none does."""
     slices = first[:, None] + torch.arange(depth, device=first.device)
@@ -165,13 +179,13 @@ def _beyond(first: Tensor, depth: int, limit: int) -> Tensor | None:
 
 
 def _places(
-    low: Tensor, reach: int, shape: tuple[int, int], size: tuple[int, int, int]
+    begin: Tensor, shape: tuple[int, int], size: tuple[int, int, int]
 ) -> list[tuple[tuple[slice, slice], tuple[slice, slice]]]:
     """For each cloud where its (rows, columns) are in the image, and which of the box these are."""
     result = []
-    for x, y, _ in low.tolist():
+    for x, y, _ in begin.tolist():
         image, box = [], []
-        for first, length, limit in zip((y - reach, x - reach), shape, size[1::-1], strict=True):
+        for first, length, limit in zip((y, x), shape, size[1::-1], strict=True):
             start, stop = max(0, first), min(limit, first + length)
             image.append(slice(start, stop))
             box.append(slice(start - first, stop - first))
@@ -238,13 +252,17 @@ def _pulled(grads: Tensor, base: Tensor, fraction: Tensor, size: tuple[int, int,
 
 
 @functools.lru_cache(maxsize=256)
-def _band(size: int, sigma: float, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """(size + 2 r, size) the blur of one axis as a matrix, from the box to where it reaches."""
-    half = kernel(sigma)
-    reach = len(half) - 1
-    band = torch.zeros(size + 2 * reach, size, dtype=dtype, device=device)
-    for k in range(-reach, reach + 1):
-        band.diagonal(k - reach).fill_(half[abs(k)])
+def _band(
+    size: int, margin: tuple[int, int], sigma: float, dtype: torch.dtype, device: torch.device
+) -> Tensor:
+    """(before + size + after, size) the blur of one axis as a matrix, from a box to its margins."""
+    before, after = margin
+    half = kernel(sigma)[: before + size + after]
+    band = torch.zeros(before + size + after, size, dtype=dtype, device=device)
+    for k, value in enumerate(half):
+        for offset in {-before + k, -before - k}:  # of diagonals, those outside of it are empty
+            if -len(band) < offset < size:
+                band.diagonal(offset).fill_(value)
     return band
 
 
