@@ -26,6 +26,7 @@ from posecore.methods.infrared import masks
 from posecore.scale import choose, scale
 from posecore.splat import render, to_voxels
 
+# %%
 torch.set_num_threads(choose(tiny=1, book=2, paper=2))  # a test at tiny has one core
 recipe = training.recipe()
 net = load_or_train(experiments, "clouds", looking.blank_net(recipe))
@@ -111,6 +112,7 @@ def carve(points, masks, cameras_):
     return inside
 
 
+# %%
 size = few[0].shape[::-1]
 three = headset.cameras(*size)
 sides, middle = (0.15, 0.15, 0.15), np.array([0.0, 0.0, 0.05])
@@ -120,6 +122,7 @@ shapes = [
     )
     for K, T in three
 ]
+# %%
 step = choose(tiny=0.02, book=0.01, paper=0.01)
 line = np.arange(-0.2, 0.2, step)
 space = np.stack(np.meshgrid(line, line, line, indexing="ij"), -1).reshape(-1, 3) + middle
@@ -143,11 +146,7 @@ figures.point_clouds(
 # %%
 truths = [headset.foreground(view) for view in driver]
 head_at = driver[1].T_world_cam[:3, :3] @ driver[1].objects[0].t + driver[1].T_world_cam[:3, 3]
-space = (
-    np.stack(np.meshgrid(line, line, line, indexing="ij"), -1).reshape(-1, 3)
-    + head_at
-    + [0, 0, 0.1]
-)
+space = space - middle + head_at + [0, 0, 0.1]
 hull = space[carve(space, truths, [(view.K, view.T_world_cam) for view in driver])]
 T = driver[1].T_world_cam
 hull_seen = (hull - T[:3, 3]) @ T[:3, :3]
@@ -341,6 +340,7 @@ def picture_of(points, brightness, size):
     return stopped.sum(0), (shades * stopped).sum(0)
 
 
+# %%
 rng = np.random.default_rng(0)
 points = rng.uniform(0, 5, (40, 3))
 brightness = rng.uniform(0, 1, 40)
@@ -399,10 +399,20 @@ project = recipe.projector(size)
 wanted = torch.nn.functional.interpolate(
     torch.from_numpy(np.stack(truths))[None].float(), size=(H, W), mode="area"
 )
+
+# %%
 heap = (
     0.05 * torch.randn(1, count, 3, generator=torch.Generator().manual_seed(1))
 ).requires_grad_()
 descent = torch.optim.Adam([heap], lr=3e-3)
+
+
+def look(heap):
+    """The heap in the centre camera's grid."""
+    return project.to_voxels(heap.detach(), t, own[1][None], Ks[None], own[None])[0, 1, :, :2]
+
+
+# %%
 rounds, stages = choose(tiny=20, book=120, paper=120), {}
 history = []
 for number in range(rounds):
@@ -414,8 +424,7 @@ for number in range(rounds):
     descent.step()
     history.append(loss.item())
     if number in (0, rounds // 6, rounds // 2, rounds - 1):
-        voxels = project.to_voxels(heap.detach(), t, own[1][None], Ks[None], own[None])[0, 1]
-        stages[f"step {number + 1}"] = voxels[:, :2].numpy()
+        stages[f"step {number + 1}"] = look(heap).numpy()
 
 assert history[-1] < history[0]
 splats.pulled(stages, wanted[0, 1].numpy())

@@ -251,7 +251,7 @@ check_terminate = Exercise(
     _volumes,
     hints=(
         {
-            "opaque": "What does your formula do with an occupancy of 1? Look for log(0) and 0 / 0.",
+            "opaque": "What does your formula do with an occupancy of 1? Look for log(0), 0 / 0.",
             "no slices": "Behind no slice at all, nothing has been stopped.",
             "two slices": "What is behind is seen through what is in front. How much of the light "
             "gets through?",

@@ -41,7 +41,7 @@ class Dots(Dataset):
         T = cameras()[camera]
         R, t = relative(*from_matrix(T), self.turned[instant], self.places[instant])
         y, x = np.mgrid[: SIZE[1], : SIZE[0]]
-        u, v = project(K, t)
+        u, v = project(K, t[None])[0]
         squares = (x - u) ** 2 + (y - v) ** 2
         mask = squares < 9
         objects = [

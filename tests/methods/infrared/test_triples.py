@@ -144,14 +144,14 @@ def test_turned_and_mirrored_all_is_where_the_cameras_have_it(triples, turn, mir
     flipped = 0
     for b in range(24):
         # The camera matrix of the input is that of its own view, the first one.
-        pixel = project(batch["K"][b, 0].numpy(), batch["t"][b].numpy())
+        pixel = project(batch["K"][b, 0].numpy(), batch["t"][b, None].numpy())[0]
         # Bilinear interpolation of bytes in a picture of a few pixels.
         assert np.abs(centre(batch["images"][b, 0]) - pixel).max() < (0.15 if turn else 0.05)
         flipped += batch["K"][b, 0, 0, 2] != torch.tensor(K[0, 2]).float()
     seen = into_views(places, batch["own"], batch["T_world_cam"])[:, :, 0].numpy()
     for b in range(24):
         for j in range(3):
-            u, v = project(batch["K"][b, j].numpy(), seen[b, j])
+            u, v = project(batch["K"][b, j].numpy(), seen[b, j][None])[0]
             for name in ("masks", "shades"):
                 found = centre(batch[name][b, j]) * 2 + 0.5
                 assert np.abs(found - [u, v]).max() < 0.3  # a disc of 6 pixels across
