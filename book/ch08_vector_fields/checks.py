@@ -10,6 +10,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from book.tools.checks import Exercise
+from book.tools.gradients import gradient_at_leaf
 from posecore import rotations
 from posecore.methods.vector_field import losses, refinement
 
@@ -165,23 +166,6 @@ def _predictions(rng: np.random.Generator) -> Inputs:
     yield "no vectors at all", said(np.zeros((0, 2))), _tensor(np.zeros((0, 2)))
 
 
-def _gradient(loss: Tensor) -> Tensor | None:
-    """The gradient of a loss at the one leaf it comes from, None if it comes from none.
-
-    The student's function got a copy of the predicted vectors, which only the graph still knows.
-    """
-    nodes, seen = [loss.grad_fn], set()
-    while nodes:
-        node = nodes.pop()
-        if node is None or node in seen:
-            continue
-        seen.add(node)
-        if hasattr(node, "variable"):
-            return torch.autograd.grad(loss, node.variable)[0]
-        nodes += [following for following, _ in node.next_functions]
-    return None
-
-
 def _is_the_loss(answer: Tensor, predicted: Tensor, target: Tensor) -> str:
     expected = projection_loss(predicted, target)
     got, want = float(answer.detach()), float(expected.detach())
@@ -189,7 +173,7 @@ def _is_the_loss(answer: Tensor, predicted: Tensor, target: Tensor) -> str:
         return f"expected {want:.6g}, got {got:.6g}"
     if not len(predicted):
         return ""
-    gradient = _gradient(answer)
+    gradient = gradient_at_leaf(answer)
     if gradient is None:
         return "no gradient can go back through the result to the predicted vectors"
     wanted = torch.autograd.grad(expected, predicted)[0]
