@@ -547,10 +547,10 @@ assert errors["solid"] < 1e-9 < min(errors["most"], errors["least"])
 
 # %% [markdown] tags=["solution"]
 # **Discussion.** *Most* is called the **visual hull** (Laurentini, 1994). A voxel belongs to it if
-# no silhouette forbids it, so there is exactly one. It has no eye sockets, and the bowl has no
-# hollow: whatever lies behind the outline in *every* view is filled. More views shrink it, but
-# never into such a hollow, since every ray through it also meets the rim. Here the three views are
-# at right angles. The cameras of the car are at most 54 degrees apart, so their hull is much longer
+# no silhouette forbids it, so there is exactly one. It has no eye sockets: whatever lies within the
+# outline in *every* view is filled. More views make it smaller, but the bottom of a bowl stays
+# filled: every ray that passes there also meets the bowl. Here the three views are at right
+# angles. The cameras of the car are at most 54 degrees apart, so their hull is much longer
 # along the line of sight.
 #
 # *Least* is dust, if one looks at the voxels in a random order. (In the order of the array it is a

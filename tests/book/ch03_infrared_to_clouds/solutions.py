@@ -327,9 +327,7 @@ def splat_beyond_the_last_voxel(point: Any, size: Any) -> Tensor:
 @wrong("splat_point", "a point a little outside, before the first voxels", "got")
 def splat_around_the_border(point: Any, size: Any) -> Tensor:
     return splat(
-        point,
-        size,
-        lambda corner, size: all(-1 <= c < n for c, n in zip(corner, size, strict=True)),
+        point, size, lambda corner, size: all(c < n for c, n in zip(corner, size, strict=True))
     )
 
 
