@@ -134,7 +134,7 @@ def test_a_blur_loses_what_leaves_the_volume_and_nothing_else():
 
 @pytest.mark.parametrize("place", [[-5.0, 2, 2], [3, 2, 8.5], [3, 40, 2], [-1e4] * 3, [1e30] * 3])
 def test_nothing_in_the_volume_is_black_and_has_no_influence(place):
-    points = torch.tensor([[place, place]])
+    points = torch.tensor([[place, place]], dtype=torch.float32)
     shades, scales = torch.ones(1, 2), torch.ones(1)
     pictures, back = rendered(points, shades, scales, SIZE, 1.5)
     assert not pictures.silhouette.any() and not pictures.intensity.any()

@@ -144,5 +144,7 @@ def object_mask(
     region = np.ones(values.shape, bool)
     if sides is not None:
         region = cuboid_mask(K, R, t, values.shape[::-1], sides=sides, centre=centre)
+    if not region.any():
+        return region
     # What is outside is black, and takes part: of the cuboid's pixels alone half a head is dark.
     return region & (values > li_threshold(np.where(region, values, 0)))
