@@ -60,7 +60,7 @@ def test_crops_are_cut_once_and_no_more_than_are_drawn(source, tmp_path, monkeyp
     drawn = given["batches"]
     pool = drawn.make.__self__
     assert isinstance(pool, CropPool) and len(pool) == crops
-    assert (drawn.steps, drawn.options) == (steps, {"count": 4})
+    assert (drawn.steps, drawn.batch_size) == (steps, 4)
     tiny = RECIPES["tiny"]
     for name, value in tiny.fit_field.items():
         assert given[name] == value

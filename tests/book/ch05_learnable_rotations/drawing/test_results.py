@@ -39,11 +39,16 @@ def test_table_iv_shows_every_seed_and_the_papers_numbers():
     }
     figure = page.table_iv(numbers)
     axes = figure.axes[0]
-    drawn = [line.get_ydata() for line in axes.lines if len(line.get_ydata()) == 3]
-    assert np.array_equal(drawn, list(numbers.values())[:4])
-    crosses = [line.get_ydata()[0] for line in axes.lines
-               if line.get_marker() == "x" and len(line.get_ydata())]  # fmt: skip
-    assert crosses == [0.49, 1.78]  # it has no Euler angles
+    drawn = {line.get_label(): line for line in axes.lines}
+    for label, places in (("mean", (-0.12, 0.88)), ("largest", (0.12, 1.12))):
+        values = [
+            v for key, v in numbers.items() if (key.metric == "rotation") == (label == "mean")
+        ]
+        assert np.array_equal(drawn[label].get_ydata(), np.concatenate(values[:2]))
+        assert np.allclose(drawn[label].get_xdata(), np.repeat(places, 3), atol=0.051)
+    crosses = drawn["the paper's"]
+    assert crosses.get_marker() == "x"
+    assert np.allclose(crosses.get_data(), [[-0.12, 0.12], [0.49, 1.78]])  # it has no Euler angles
     assert [label.get_text() for label in axes.get_xticklabels()] == ["6d", "euler"]
     assert "6d 0.60° and 1.6°" in figure.alt
 
