@@ -441,8 +441,8 @@ draw.clouds(centre.ir, silhouette.numpy(), picture.numpy())
 
 # %% [markdown] tags=["solution"]
 # **Discussion.** The library caps occupancies at $1 - 10^{-5}$, hence the difference: it adds up
-# $\log(1 - o)$ instead of multiplying, which is one `cumsum` for all rays, and an opaque voxel has
-# no logarithm.
+# $\log(1 - o)$ instead of multiplying, which is one `cumsum` for all rays, and the one of
+# an opaque voxel would be infinite.
 #
 # The order matters for the picture only: the silhouette is the same from both ends of the ray.
 # (Exercise 5 makes much of this.) Behind an opaque voxel nothing is seen, and no gradient comes: a

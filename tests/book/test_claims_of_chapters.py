@@ -74,6 +74,7 @@ SHADING = "data_tools.renderer.shading"
 LOOKS_AT_PICTURES = {
     *("split_of_films", "from_images", "from_points", "losses", "systems", "speed"),
     *("field", "refiner"),
+    *("masks", "clouds"),
 }
 
 
