@@ -185,7 +185,7 @@ def test_bad_input(crops, options, name):
 def test_bad_objects_counts_and_pools(stack, crops):
     with pytest.raises(ValueError, match=r"^data.*77"):
         RandomCrops(stack, [77])
-    with pytest.raises(ValueError, match="^batch_size"):
+    with pytest.raises(ValueError, match="^count"):
         crops().draw(0, generator=torch.Generator())
     for options, name in (
         ({"batches": 0}, "batches"),
