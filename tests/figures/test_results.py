@@ -68,7 +68,9 @@ def test_by_visibility_draws_means_and_seeds():
     lines = {line.get_label(): line for line in axes.lines}
     np.testing.assert_array_equal(lines["a"].get_ydata(), [20, np.nan])
     np.testing.assert_array_equal(lines["b"].get_ydata(), [5, 6])
-    assert len(axes.lines) == 4  # two means, and two seeds of a
+    means = lines["a"], lines["b"]
+    seeds = [y for line in axes.lines if line not in means for y in line.get_ydata()]
+    assert sorted(y for y in seeds if np.isfinite(y)) == [10, 20, 30]
     assert [t.get_text() for t in axes.get_xticklabels()] == ["0% to 50%\n(3)", "50% to 100%\n(4)"]
     assert "a 20 %, none; b 5 %, 6 %" in figure.alt
     assert results.by_visibility([0, 1], {"a": [1]}, alt="mine").alt == "mine"
