@@ -96,7 +96,7 @@ def render(
     """Silhouette and picture of clouds in a grid of voxels.
 
     A point is spread over its eight voxels, which hold 1 at the most; the volume is blurred, and
-    times `scale` is the share of a ray's light that a voxel stops and sends out:
+    times `scale`, 1 at the most, is the share of a ray's light that a voxel stops and sends out:
 
         silhouette = 1 - prod_i (1 - o_i),    picture = sum_i c_i o_i prod_{j < i} (1 - o_j)
 
@@ -107,7 +107,8 @@ def render(
         points: (..., N, 3) x, y, z in voxels, as of `to_voxels`. What is outside is not seen.
         size: (W, H, D) of the grid.
         intensities: (..., N) of the points; None for no picture.
-        scale: (...) or one number, 0 to 1, of the occupancy of a cloud.
+        scale: (...) or one number, 0 or more, of the occupancy of a cloud. A single point that is
+            blurred stops little light; few points make an opaque surface if their scale is above 1.
         sigma: of the blur in voxels; 0 for none. It is cut at three sigma.
 
     Returns:
@@ -130,8 +131,8 @@ def render(
     scales = torch.as_tensor(scale, dtype=points.dtype, device=points.device)
     if scales.shape not in ((), lead):
         fail("scale", f"one number or shape {tuple(lead)}", _shown(scales))
-    if not bool(((scales >= 0) & (scales <= 1)).all()):
-        fail("scale", "numbers from 0 to 1", "others")
+    if not bool(((scales >= 0) & scales.isfinite()).all()):
+        fail("scale", "finite numbers from 0 on", "others")
     shades = None if intensities is None else intensities.to(points.dtype)
     clouds = math.prod(lead)
     silhouette, picture = _Render.apply(

@@ -89,6 +89,10 @@ def rendered(
     beyond = _beyond(begin[:, 2], volumes.shape[2], size[2])
     if beyond is not None:  # what the blur moved out of the grid stops no light
         volumes.masked_fill_(beyond, 0)
+    cut = None
+    if bool((scales > 1).any()):  # else the blur of what is at most 1 is as well
+        cut = (MOST / volumes[0]).clamp_(max=1)
+        volumes *= cut
     places = _places(begin, volumes.shape[-2:], size)
     free = 1 - volumes[0]
     logs = free.log().cumsum_(1)
@@ -109,6 +113,13 @@ def rendered(
             upto = (reached * emitted).cumsum_(1)
             ahead = upto.add_(ahead - upto[:, -1:])
         torch.div(ahead, free, out=grads[0])
+        if cut is not None:
+            # A full voxel holds no more when more comes; the new light displaces what was there.
+            full = cut < 1
+            grads[0].masked_fill_(full, 0)
+            if picture is not None:
+                grads[1] *= cut
+                grads[0] -= torch.where(full, grads[1] * emitted / MOST, 0)
         if beyond is not None:
             grads.masked_fill_(beyond, 0)
         back = _blur(grads.flatten(0, 1), [blur.T for blur in blurs]).view(stack.shape)

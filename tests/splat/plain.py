@@ -31,6 +31,9 @@ def plain_render(points, size, intensities=None, scale=1.0, sigma=0.0):
     mean = light / raw.clamp(min=1)
     occupied = scale * MOST * blurred(raw.clamp(max=1), sigma)
     emitted = scale * MOST * blurred(mean, sigma)
+    full = occupied > MOST
+    emitted = torch.where(full, emitted * MOST / torch.where(full, occupied, 1), emitted)
+    occupied = torch.where(full, MOST, occupied)
     free, picture = points.new_ones(height, width), points.new_zeros(height, width)
     for occupancy, shine in zip(occupied, emitted, strict=True):
         picture = picture + free * shine

@@ -38,11 +38,14 @@ def test_a_kernel_as_narrow_as_none():
     assert kernel(1e-300) == (1.0, 0.0)
 
 
-@pytest.mark.parametrize("sigma", [0, 0.6, 1.5, 30])
-def test_values_and_gradients_are_those_of_loops(sigma):
-    """A sigma of 30 reaches further than the volume, from everywhere."""
+@pytest.mark.parametrize(
+    ("sigma", "factor"), [(0, 1), (0.6, 1), (1.5, 1), (30, 1), (0, 2.5), (0.4, 3), (0.6, 1.5)]
+)
+def test_values_and_gradients_are_those_of_loops(sigma, factor):
+    """A sigma of 30 reaches further than the volume; scales times a factor fill some voxels."""
     points, shades, scales = (value.requires_grad_() for value in clouds())
     with torch.no_grad():
+        scales *= factor
         points[0, 0] = torch.tensor([20.0, 2, 2])  # outside
         points[0, 1] = points[0, 2] + 0.01  # in one cell, which is full
         points[0, 3] = points[0, 2] + 0.02
@@ -61,8 +64,10 @@ def test_values_and_gradients_are_those_of_loops(sigma):
         torch.testing.assert_close(one, other, rtol=1e-8, atol=1e-12)
 
 
-def test_without_intensities_it_is_the_same_silhouette():
+@pytest.mark.parametrize("factor", [1, 8])
+def test_without_intensities_it_is_the_same_silhouette(factor):
     points, shades, scales = clouds()
+    scales *= factor
     with_them, _ = rendered(points, shades, scales, SIZE, 0.8)
     without, back = rendered(points, None, scales, SIZE, 0.8)
     assert without.intensity is None

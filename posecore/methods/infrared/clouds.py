@@ -25,6 +25,7 @@ from posecore.methods.infrared.triples import Triples
 
 __all__ = ["CloudSet", "made_from", "predict", "read_clouds"]
 
+ABOUT = "clouds"  # the entry of the metadata
 AT_ONCE = 256  # images that are predicted together
 
 
@@ -81,8 +82,9 @@ class CloudSet:
         """
         # Copies of their own: the format refuses tensors that share memory.
         kept = {name: tensor.contiguous().clone() for name, tensor in self._tensors().items()}
-        about = {"made_from": json.dumps(self.made_from), "digest": weights.digest(kept)}
-        write_bytes(Path(path), safetensors.torch.save(kept, about))
+        about = {"made_from": self.made_from, "digest": weights.digest(kept)}
+        # One entry: the format writes several in any order, and equal clouds are equal files.
+        write_bytes(Path(path), safetensors.torch.save(kept, {ABOUT: json.dumps(about)}))
 
     def _tensors(self) -> dict[str, Tensor]:
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "made_from"}
@@ -99,14 +101,15 @@ def read_clouds(path: str | Path) -> CloudSet:
         fail("path", "a file that `clouds infrared` wrote", f"no {path}")
     try:
         with safetensors.safe_open(path, "pt") as file:
-            about = file.metadata() or {}
+            about = (file.metadata() or {}).get(ABOUT)
             tensors = {name: file.get_tensor(name) for name in file.keys()}
-        if "made_from" not in about:
+        if about is None:
             raise ValueError("expected clouds, got another kind of file")
-        if weights.digest(tensors) != about.get("digest"):
+        about = json.loads(about)
+        if weights.digest(tensors) != about["digest"]:
             raise ValueError("other numbers than were written")
-        return CloudSet(**tensors, made_from=json.loads(about["made_from"]))
-    except (ValueError, TypeError, safetensors.SafetensorError) as error:
+        return CloudSet(**tensors, made_from=about["made_from"])
+    except (KeyError, ValueError, TypeError, safetensors.SafetensorError) as error:
         words = " ".join(str(error).split())
         raise ValueError(f"{path}: damaged: {words:.200}") from error
 

@@ -14,7 +14,10 @@ from torch import Tensor, nn
 
 from posecore.arrays import fail, require_integer, require_number
 
-__all__ = ["Cloud", "CloudNet"]
+__all__ = ["SIZES", "Cloud", "CloudNet"]
+
+SIZES = ("points", "width", "blocks", "max_channels", "hidden", "cube", "max_scale")
+"""What a `CloudNet` is made with, but for the size of its images."""
 
 SLOPE = 0.2  # of the leaky ReLUs
 
@@ -26,7 +29,7 @@ class Cloud(NamedTuple):
         points: (B, N, 3) metres, relative to `t`, along the axes of the camera.
         intensities: (B, N) 0 to 1.
         t: (B, 3) metres, the object's translation in the camera's frame.
-        scale: (B,) 0 to 1, of the occupancy: how much of a ray a point stops.
+        scale: (B,) 0 to `max_scale`, of the occupancy: how much of a ray a point stops.
     """
 
     points: Tensor
@@ -50,13 +53,14 @@ class CloudNet(nn.Module):
         max_channels: of a block; None for no limit.
         hidden: the decoder's code.
         cube: metres, side of the cube about `t` in which all points are.
+        max_scale: of the occupancy; 1 in the paper, more where points are few for the grid.
 
     Attributes:
         mean, std: of the images, which are normalised by them; 0 and 1 until they are set.
         low, high: (3,) metres, the object box, in whose units translations are predicted.
 
     Raises:
-        ValueError: if a size is no positive integer, or the cube has no side above 0.
+        ValueError: if a size is no positive integer, or the cube or the scale is not above 0.
     """
 
     def __init__(
@@ -69,6 +73,7 @@ class CloudNet(nn.Module):
         max_channels: int | None = None,
         hidden: int = 1024,
         cube: float = 0.4,
+        max_scale: float = 1.0,
     ) -> None:
         super().__init__()
         if not isinstance(image, tuple | list) or len(image) != 2:
@@ -80,6 +85,7 @@ class CloudNet(nn.Module):
         ):  # fmt: skip
             require_integer(name, value, 1)
         self.image, self.cube = (across, down), require_number("cube", cube, above=0)
+        self.max_scale = require_number("max_scale", max_scale, above=0)
         layers, channels = [], 1
         for block in range(blocks):
             out = min(width * 2**block, max_channels or width * 2**block)
@@ -130,7 +136,7 @@ class CloudNet(nn.Module):
             points * (self.cube / 2),
             torch.sigmoid(self.intensity(features).float()),
             self.low + place * (self.high - self.low),
-            torch.sigmoid(self.scale(code).float())[:, 0],
+            torch.sigmoid(self.scale(code).float())[:, 0] * self.max_scale,
         )
 
     @property

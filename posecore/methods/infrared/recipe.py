@@ -22,7 +22,7 @@ import torch
 
 from data_tools.batches import Batches, Stack
 from posecore.methods.infrared.losses import CloudLoss
-from posecore.methods.infrared.network import CloudNet
+from posecore.methods.infrared.network import SIZES, CloudNet
 from posecore.methods.infrared.projection import Projector
 from posecore.methods.infrared.triples import Triples
 from posecore.randomness import seeded
@@ -40,7 +40,7 @@ class Recipe:
         image: (width, height) in pixels of the images that the network is given.
         grid: (W, H, D) of the grid of voxels.
         extent: metres from its front to its back: its voxels are about cubes at 0.75 m.
-        points, width, blocks, max_channels, hidden, cube: of `CloudNet`.
+        points, width, blocks, max_channels, hidden, cube, max_scale: of `CloudNet`.
         normalised: whether images are normalised by mean and deviation of the training's.
         masks: one of `triples.MASKS`; the paper has thresholds.
         views: in how many the losses look; None for all.
@@ -61,6 +61,7 @@ class Recipe:
     max_channels: int | None = None
     hidden: int = 1024
     cube: float = 0.4
+    max_scale: float = 1.0
     normalised: bool = True
     masks: str = "threshold"
     views: int | None = None
@@ -84,10 +85,7 @@ class Recipe:
     def new_net(self, triples: Triples, seed: int = 0) -> CloudNet:
         """The network with its first weights, and the object box of a training's translations."""
         with seeded(seed):
-            net = CloudNet(
-                self.image, self.points, width=self.width, blocks=self.blocks,
-                max_channels=self.max_channels, hidden=self.hidden, cube=self.cube,
-            )  # fmt: skip
+            net = CloudNet(self.image, **{name: getattr(self, name) for name in SIZES})
         t = triples.t.flatten(0, 1)
         net.low.copy_(t.amin(0))
         net.high.copy_(t.amax(0))

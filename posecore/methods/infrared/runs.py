@@ -11,7 +11,7 @@ from torch import Tensor
 
 from posecore.arrays import require_integer
 from posecore.methods import runs
-from posecore.methods.infrared.network import CloudNet
+from posecore.methods.infrared.network import SIZES, CloudNet
 
 __all__ = ["InfraredRun", "read_run"]
 
@@ -23,7 +23,7 @@ class InfraredRun(runs.Run):
     Attributes:
         path, options: as of every `Run`.
         image: (width, height) in pixels of the images that the networks take.
-        points, width, blocks, max_channels, hidden, cube: of `CloudNet`.
+        points, width, blocks, max_channels, hidden, cube, max_scale: of `CloudNet`.
         scenes: for each network the scenes (in `headset` the drivers) that it was trained on.
     """
 
@@ -36,6 +36,7 @@ class InfraredRun(runs.Run):
     max_channels: int | None
     hidden: int
     cube: float
+    max_scale: float
     scenes: list[list[int]]
 
     @property
@@ -50,10 +51,7 @@ class InfraredRun(runs.Run):
 
     def new_net(self) -> CloudNet:
         """A network, untrained."""
-        return CloudNet(
-            self.image, self.points, width=self.width, blocks=self.blocks,
-            max_channels=self.max_channels, hidden=self.hidden, cube=self.cube,
-        )  # fmt: skip
+        return CloudNet(self.image, **{name: getattr(self, name) for name in SIZES})
 
     def load_nets(self) -> list[CloudNet]:
         """The networks, trained.
@@ -99,13 +97,10 @@ def read_run(path: str | Path) -> InfraredRun:
 
 
 def _run(path: Path, content: dict[str, Any]) -> InfraredRun:
-    sizes = {name: content[name] for name in ("points", "width", "blocks", "hidden", "cube")}
+    sizes = {name: content[name] for name in SIZES}
     scenes = [[require_integer("scenes", s, 0) for s in some] for some in content["scenes"]]
     if not scenes:
         raise ValueError("scenes: expected those of one network or more, got none")
-    run = InfraredRun(
-        path, content["options"], tuple(content["image"]), max_channels=content["max_channels"],
-        scenes=scenes, **sizes,
-    )  # fmt: skip
+    run = InfraredRun(path, content["options"], tuple(content["image"]), scenes=scenes, **sizes)
     run.new_net()  # refuses sizes that cannot be
     return run

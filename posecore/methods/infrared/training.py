@@ -14,6 +14,7 @@ from torch import Tensor
 
 from data_tools.batches import Stack, load
 from posecore.arrays import fail, require_integer
+from posecore.methods.infrared.network import SIZES
 from posecore.methods.infrared.recipe import RECIPES, Recipe
 from posecore.methods.infrared.runs import InfraredRun, read_run
 from posecore.methods.infrared.triples import Triples
@@ -49,10 +50,7 @@ def train(options: argparse.Namespace) -> None:
     scenes = data.scene_id[triples.views[:, 0]]
     run = resumed(job.path, asked, read_run)
     if run is None:
-        sizes = {
-            name: getattr(recipe, name)
-            for name in ("image", "points", "width", "blocks", "max_channels", "hidden", "cube")
-        }
+        sizes = {name: getattr(recipe, name) for name in ("image", *SIZES)}
         run = InfraredRun(job.path, asked, scenes=folds_of(scenes, folds), **sizes)
     with job.alone():
         if job.first:

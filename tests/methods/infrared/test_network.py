@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from posecore.methods.infrared.network import CloudNet
+from posecore.methods.infrared.network import SIZES, CloudNet
 from posecore.methods.infrared.recipe import RECIPES
 from posecore.randomness import seeded
 
@@ -21,10 +21,7 @@ IMAGES = torch.rand(3, 1, 12, 20, generator=torch.Generator().manual_seed(0))
 def test_clouds_at_every_scale(scale):
     recipe = RECIPES[scale]
     with torch.no_grad(), seeded(0):
-        net = CloudNet(
-            recipe.image, recipe.points, width=recipe.width, blocks=recipe.blocks,
-            max_channels=recipe.max_channels, hidden=recipe.hidden, cube=recipe.cube,
-        )  # fmt: skip
+        net = CloudNet(recipe.image, **{name: getattr(recipe, name) for name in SIZES})
         cloud = net(torch.rand(2, 1, *recipe.image[::-1]))
     shapes = [tuple(value.shape) for value in cloud]
     assert shapes == [(2, recipe.points, 3), (2, recipe.points), (2, 3), (2,)]
@@ -57,14 +54,14 @@ def test_intensities_come_from_the_features_and_all_else_from_the_code():
 
 
 def test_what_it_says_stays_in_its_range():
-    net = small(cube=0.3)
+    net = small(cube=0.3, max_scale=3)
     with seeded(1):
         for layer in (net.points, net.intensity, net.scale):
             torch.nn.init.normal_(layer.weight, std=30)
     cloud = net(IMAGES)
     assert cloud.points.abs().max().item() == pytest.approx(0.15)
     assert 0 <= cloud.intensities.min() < 0.01 and 0.99 < cloud.intensities.max() <= 1
-    assert (cloud.scale >= 0).all() and (cloud.scale <= 1).all()
+    assert (cloud.scale >= 0).all() and 2.9 < cloud.scale.max() <= 3
 
 
 def test_translations_are_in_units_of_the_box():
@@ -113,7 +110,7 @@ def test_images_of_another_shape(shape):
     ("name", "value"),
     [
         ("image", (20,)), ("image", 20), ("image", (20, 0)), ("points", 0), ("width", 2.5),
-        ("blocks", 0), ("hidden", -1), ("max_channels", 0), ("cube", 0),
+        ("blocks", 0), ("hidden", -1), ("max_channels", 0), ("cube", 0), ("max_scale", 0),
     ],
 )  # fmt: skip
 def test_sizes_that_cannot_be(name, value):

@@ -17,7 +17,7 @@ SCENES = [[1, 3], [0, 2]]
 def small(path, scenes=SCENES):
     return InfraredRun(
         path, {"data": "headset", "scale": "tiny", "seed": 0}, (20, 12), 7, width=4, blocks=2,
-        max_channels=None, hidden=16, cube=0.5, scenes=scenes,
+        max_channels=None, hidden=16, cube=0.5, max_scale=2.0, scenes=scenes,
     )  # fmt: skip
 
 
@@ -96,6 +96,7 @@ def test_networks_that_know_nothing_yet():
         ({"image": [20]}, "image: expected"),
         ({"image": None}, "damaged"),
         ({"cube": -1}, "cube: expected"),
+        ({"max_scale": 0}, "max_scale: expected"),
         ({"max_channels": 0}, "max_channels: expected"),
         ({"method": "vector_field"}, "method: expected infrared"),
         ({"options": {"scale": "huge"}}, "scale: expected"),
