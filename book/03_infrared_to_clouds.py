@@ -517,7 +517,7 @@ figures.training_curves(curves.losses)
 
 # %% [markdown]
 # A minute of that is not enough for a good cloud. The network that this page loaded was trained in
-# the same way for longer, with larger images and a finer grid, on 3000 instants of 96 drivers.
+# the same way for longer, with larger images and a finer grid, on 3000 instants of 750 drivers.
 #
 # What does it see? Its silhouettes and pictures, beside masks and images. The input was the centre
 # image; the other two it has never seen.
@@ -541,7 +541,7 @@ views.silhouettes(
 #
 # ## 8. What is right, wrong and guessed
 #
-# Four drivers are in the test split, and none of them is among the 96. For every view of theirs the
+# Four drivers are in the test split, and none of them is in the crowd. For every view of theirs the
 # cloud is made from that view alone, put at the *predicted* place, and compared with the true masks
 # of the **other two** views.
 
@@ -593,7 +593,7 @@ views.gallery(
 # %% [markdown]
 # Which part of a cloud does the photograph show, and which is **guessed**? A point is hidden if
 # another one stands before it. The back of the head is never in the picture; that it comes out at
-# about the right depth is what 96 other heads have taught.
+# about the right depth is what 750 other heads have taught.
 
 # %%
 parts = looking.seen_and_guessed(net, recipe, driver[1])

@@ -92,7 +92,7 @@ EVERY_CLAIM = [
     Claim(id="exact_masks", statement="Exact masks teach a better shape than Li's",
           measurement="labels", **_pair("three views", "threshold masks", "overlap"), **OURS),
     Claim(id="drivers",
-          statement="Of as many images, those of 96 drivers teach the place of a new one better "
+          statement="Of as many images, those of 750 drivers teach the place of a new one better "
           "than those of twelve",
           measurement="labels", **_pair("three views", "twelve drivers", "translation"), **OURS),
     Claim(id="weights", statement="Weights as printed are better than as the text explains them",

@@ -3,7 +3,7 @@
 Stands in for HMDPose (Firintepe et al., "HMDPose: A large-scale trinocular IR augmented reality
 glasses pose dataset", 2020). A record is an instant, seen from the left, the centre and the right:
 three views with the same `group`. Their `scene_id` is the driver, and no driver is in two splits:
-"train" has 12 of them, as many as such a dataset can afford, "test" 4 others, and "crowd" 96, for
+"train" has 12 of them, as many as such a dataset can afford, "test" 4 others, and "crowd" 750, for
 what cannot be learned from twelve.
 
 Frames. The car's frame is the world's: its origin is where the glasses of an average driver are who

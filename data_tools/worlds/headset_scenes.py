@@ -44,9 +44,9 @@ __all__ = [
 SUBJECTS = {
     "train": tuple(range(12)),
     "test": tuple(range(12, 16)),
-    "crowd": tuple(range(100, 196)),
+    "crowd": tuple(range(100, 850)),
 }
-TOGETHER = 8  # instants of the crowd in a row that are of the same subject: meshes are costly
+TOGETHER = 4  # instants of the crowd in a row that are of the same subject: meshes are costly
 
 LAMP = 0.55  # power of a camera's lamp
 LIMITS = np.radians([75.0, 35.0, 25.0])  # of yaw, pitch and roll

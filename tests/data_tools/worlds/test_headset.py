@@ -66,11 +66,11 @@ def test_no_driver_is_in_two_splits_and_all_wear_all_glasses(tiny_views):
 
 def test_the_crowd_is_of_many_drivers_a_few_instants_in_a_row():
     """Meshes of a driver are costly, so they are made once for several records."""
-    for scale, people in (("tiny", 4), ("book", 96), ("paper", 96)):
+    for scale, people in (("tiny", 8), ("book", 750), ("paper", 750)):
         count = WORLD.sizes[scale].counts["crowd"]
         drawn = [who_wears_what("crowd", index) for index in range(count)]
         worn = Counter(drawn)
-        assert len({subject for subject, _ in worn}) == people <= len(SUBJECTS["crowd"]) == 96
+        assert len({subject for subject, _ in worn}) == people <= len(SUBJECTS["crowd"]) == 750
         assert len(worn) == 4 * people
         assert max(worn.values()) - min(worn.values()) <= TOGETHER // 4
         subjects = np.array([subject for subject, _ in drawn])
