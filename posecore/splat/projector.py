@@ -26,7 +26,7 @@ __all__ = ["Pictures", "render", "to_voxels"]
 
 NEAR = 0.01  # metres; nearer points, and those behind the camera, are not in the grid
 NOWHERE = -1e4  # voxels, of points that are not in the grid
-AT_ONCE = {"cpu": 2**21}  # voxels of the volumes that are computed together: what a cache holds
+AT_ONCE = {"cpu": 2**19}  # voxels of the volumes that are computed together: what a cache holds
 ELSEWHERE = 2**25  # on a GPU, which is idle with less
 
 
