@@ -45,6 +45,27 @@ def test_masks_by_thresholds_have_overlaps(shared_cache):
     assert by_key["Li", "in the cuboid"] > by_key["Li", "whole image"]
 
 
+@pytest.mark.slow
+def test_views_of_a_split_are_measured_as_the_split(shared_cache):
+    recipe = training.compared()
+    net = looking.blank_net(recipe).eval()
+    net.high.copy_(torch.tensor([0.2, 0.2, 1.0]))
+    by_name = training.evaluate(net, recipe, "test", most=2)
+    by_views = training.evaluate(net, recipe, training.stack("test"), most=2)
+    for one, other in zip(by_name, by_views, strict=True):
+        assert torch.equal(one.nan_to_num(-1), other.nan_to_num(-1))
+
+
+@pytest.mark.slow
+def test_a_training_with_views_is_that_with_their_split(shared_cache):
+    recipe = training.compared(steps=2)
+    by_name, _ = training.train_net(recipe, split="test", keep=False)
+    by_views, history = training.train_net(recipe, split=training.stack("test"))
+    assert len(history.losses["loss"]) == 2
+    for name, value in by_name.state_dict().items():
+        assert torch.equal(value, by_views.state_dict()[name]), name
+
+
 def test_overlap_and_otsu():
     image = np.array([[10, 10, 200], [12, 205, 210]], np.uint8)
     assert 12 <= threshold_masks.otsu_threshold(image) < 200
