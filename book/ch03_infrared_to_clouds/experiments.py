@@ -58,6 +58,11 @@ def _pair(favoured: str, other: str, metric: str) -> dict:
     return {"favoured": key(favoured, metric), "other": key(other, metric), **side}
 
 
+def _lost(group: str) -> dict:
+    sides = (threshold_masks.in_cuboid(name, "overlap lost", group) for name in ("Li", "fixed"))
+    return {**dict(zip(("favoured", "other"), sides, strict=True)), **LOWER, "unit": "%"}
+
+
 EVERY_CLAIM = [
     Claim(id="learned_shape",
           statement="A cloud learned from masks covers the views that were not shown better than a "
@@ -83,6 +88,15 @@ EVERY_CLAIM = [
     Claim(id="li_fixed", statement="Li's threshold separates better than the best fixed one",
           measurement="masks", favoured=Key("Li", "in the cuboid", "overlap"),
           other=Key("fixed", "in the cuboid", "overlap"), **HIGHER, **OURS),
+    Claim(id="li_distance",
+          statement="From near to far, Li's threshold loses less than the best fixed one",
+          measurement="gains", **_lost("farthest third"), **OURS),
+    Claim(id="li_darker",
+          statement="In images half as bright, Li's threshold loses less than the best fixed one",
+          measurement="gains", **_lost("gain 0.5"), **OURS),
+    Claim(id="li_brighter",
+          statement="In images twice as bright, Li's threshold loses less than the best fixed one",
+          measurement="gains", **_lost("gain 2"), **OURS),
     Claim(id="intensity_shape", statement="Intensity is crucial for the quality of the cloud",
           source="section 3.1.2", measurement="parts",
           **_pair("three views", "no intensity", "surface")),
@@ -184,6 +198,7 @@ def measure_sizes(seed: int) -> dict[Key, float]:
 TRAINED = (f"headset/{CROWD}", "headset/test")
 EVERY_MEASUREMENT = {
     "masks": Measurement(threshold_masks.measure, range(3), TRAINED),
+    "gains": Measurement(threshold_masks.measure_gains, range(3), TRAINED),
     "views": Measurement(measure_views, range(3), TRAINED),
     "parts": Measurement(measure_parts, range(3), TRAINED),
     "labels": Measurement(measure_labels, range(3), (*TRAINED, "headset/train")),

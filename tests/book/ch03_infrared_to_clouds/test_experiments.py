@@ -31,9 +31,11 @@ def test_each_run_differs_from_the_first_in_what_it_says(monkeypatch):
 
 def test_every_claim_is_about_runs_that_there_are():
     known = set(experiments.RUNS) | {"head straight ahead", "head at the true pose"}
+    thresholds = {"Li", "Otsu", "fixed"}
+    others = {"masks": thresholds, "gains": thresholds}
     for claim in experiments.EVERY_CLAIM:
-        if claim.measurement != "masks":
-            assert {claim.favoured.method, claim.other.method} <= known
+        methods = {claim.favoured.method, claim.other.method}
+        assert methods <= others.get(claim.measurement, known)
         assert claim.measurement in experiments.EVERY_MEASUREMENT
 
 
@@ -43,6 +45,33 @@ def test_masks_by_thresholds_have_overlaps(shared_cache):
     assert len(values) == 6 and all(0 < value < 100 for value in values.values())
     by_key = {(key.method, key.split): value for key, value in values.items()}
     assert by_key["Li", "in the cuboid"] > by_key["Li", "whole image"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["gains"])
+def test_claims_have_numbers_of_both_sides(name, shared_cache):
+    values = experiments.EVERY_MEASUREMENT[name].function(0)
+    claims = [claim for claim in experiments.EVERY_CLAIM if claim.measurement == name]
+    assert claims
+    assert {side for claim in claims for side in (claim.favoured, claim.other)} <= set(values)
+    for key, value in values.items():
+        assert np.isfinite(value), key
+        if key.metric == "overlap":
+            assert 0 <= value <= 100, key
+
+
+@pytest.mark.slow
+def test_overlaps_lost_are_differences(shared_cache):
+    values = threshold_masks.measure_gains(1)
+    assert len(values) == 3 * (6 + 3)
+    for name in ("Li", "Otsu", "fixed"):
+        for after, before in (("farthest third", "nearest third"), ("gain 0.5", "gain 1")):
+            first, then = (
+                values[threshold_masks.in_cuboid(name, "overlap", group)]
+                for group in (before, after)
+            )
+            lost = values[threshold_masks.in_cuboid(name, "overlap lost", after)]
+            assert lost == pytest.approx(first - then)
 
 
 @pytest.mark.slow
