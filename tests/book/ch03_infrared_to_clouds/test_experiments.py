@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from book.ch03_infrared_to_clouds import cloud_training as training
-from book.ch03_infrared_to_clouds import experiments, looking, threshold_masks
+from book.ch03_infrared_to_clouds import experiments, light, looking, threshold_masks
+from data_tools.worlds.redrawn import Redrawn
 from posecore.methods.infrared.losses import CloudLoss
 
 
@@ -32,7 +33,7 @@ def test_each_run_differs_from_the_first_in_what_it_says(monkeypatch):
 def test_every_claim_is_about_runs_that_there_are():
     known = set(experiments.RUNS) | {"head straight ahead", "head at the true pose"}
     thresholds = {"Li", "Otsu", "fixed"}
-    others = {"masks": thresholds, "gains": thresholds}
+    others = {"masks": thresholds, "gains": thresholds, "light": set(light.LIGHTS)}
     for claim in experiments.EVERY_CLAIM:
         methods = {claim.favoured.method, claim.other.method}
         assert methods <= others.get(claim.measurement, known)
@@ -48,7 +49,7 @@ def test_masks_by_thresholds_have_overlaps(shared_cache):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["gains"])
+@pytest.mark.parametrize("name", ["gains", "light"])
 def test_claims_have_numbers_of_both_sides(name, shared_cache):
     values = experiments.EVERY_MEASUREMENT[name].function(0)
     claims = [claim for claim in experiments.EVERY_CLAIM if claim.measurement == name]
@@ -72,6 +73,22 @@ def test_overlaps_lost_are_differences(shared_cache):
             )
             lost = values[threshold_masks.in_cuboid(name, "overlap lost", after)]
             assert lost == pytest.approx(first - then)
+
+
+@pytest.mark.slow
+def test_instants_in_visible_light_are_the_same_in_grey(monkeypatch):
+    monkeypatch.setenv("POSECORE_SCALE", "tiny")
+    grey = light.drawn("test", "visible", 1.0)
+    infrared = light.drawn("test", "infrared", 1.0)
+    assert grey.kinds == infrared.kinds and len(grey) == len(infrared) == 6
+    assert torch.equal(grey.t, infrared.t)
+    for view, colours in enumerate(Redrawn([0], split="test", light="visible", daylight=1.0)):
+        assert np.array_equal(grey.image("instance", view), infrared.image("instance", view))
+        luma = colours.rgb @ [0.299, 0.587, 0.114]
+        assert np.abs(grey.image("ir", view) - luma).max() < 1
+        assert not np.array_equal(grey.image("ir", view), infrared.image("ir", view))
+    night = light.drawn("test", "visible", 0.0)
+    assert night.image("ir", 0).mean() < 0.5 * grey.image("ir", 0).mean()
 
 
 @pytest.mark.slow
