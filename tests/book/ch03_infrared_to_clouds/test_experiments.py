@@ -112,6 +112,12 @@ def test_a_training_with_views_is_that_with_their_split(shared_cache):
         assert torch.equal(value, by_views.state_dict()[name]), name
 
 
+@pytest.mark.slow
+def test_a_step_takes_time(monkeypatch):
+    monkeypatch.setenv("POSECORE_SCALE", "tiny")
+    assert all(seconds > 0 for seconds in looking.seconds_of_a_step())
+
+
 def test_overlap_and_otsu():
     image = np.array([[10, 10, 200], [12, 205, 210]], np.uint8)
     assert 12 <= threshold_masks.otsu_threshold(image) < 200
