@@ -85,15 +85,17 @@ def triples(
     return Triples(stack(split), image=image, grid=grid, masks=masks)
 
 
-def triples_for(recipe: Recipe, split: str) -> Triples:
-    """A split as the network of a recipe sees it."""
-    return triples(split, recipe.image, recipe.grid[:2], recipe.masks)
+def triples_for(recipe: Recipe, split: str | batches.Stack) -> Triples:
+    """A split, or other views, as the network of a recipe sees them."""
+    if isinstance(split, str):
+        return triples(split, recipe.image, recipe.grid[:2], recipe.masks)
+    return recipe.triples(split)
 
 
 def train_net(
     recipe: Recipe,
     *,
-    split: str = CROWD,
+    split: str | batches.Stack = CROWD,
     seed: int = 0,
     name: str = "",
     show: bool | None = False,
@@ -103,7 +105,7 @@ def train_net(
 
     Args:
         recipe: what is trained.
-        split: of `headset`.
+        split: of `headset`; or views of its instants, with which nothing is kept.
         seed: of weights, and of which instants come when.
         name: of the training, which tells it from others of its scale.
         show: as for `fit`.
@@ -112,7 +114,9 @@ def train_net(
     data = triples_for(recipe, split)
     net = recipe.new_net(data, seed)
     details = name, seed, recipe.steps
-    folder = resume_folder(train_net, *details, data=(f"headset/{split}",)) if keep else None
+    folder = None
+    if keep and isinstance(split, str):
+        folder = resume_folder(train_net, *details, data=(f"headset/{split}",))
     history = fit(
         net, recipe.batches(data, seed=seed), recipe.new_loss(data.size), steps=recipe.steps,
         seed=seed, device="cpu", resume=folder, recipe={"name": name}, show=show, **recipe.fit,
@@ -150,7 +154,7 @@ class Measured(NamedTuple):
 def evaluate(
     net: CloudNet,
     recipe: Recipe,
-    split: str = TEST,
+    split: str | batches.Stack = TEST,
     *,
     most: int | None = None,
     surfaces: bool = True,
@@ -159,7 +163,7 @@ def evaluate(
 
     Args:
         net, recipe: the network, and what it was trained by.
-        split: of `headset`.
+        split: of `headset`, or views of its instants.
         most: no more instants than so many, evenly spread; None for all.
         surfaces: whether distances to the surface are measured.
     """
@@ -201,16 +205,16 @@ def evaluate(
     return Measured(part.views, overlaps, at_truth, off, to_cloud, to_surface)
 
 
-def true_masks(split: str, views: Tensor) -> Tensor:
-    """(..., H, W) bool, where head or glasses are seen in views of a split."""
-    data = stack(split)
+def true_masks(split: str | batches.Stack, views: Tensor) -> Tensor:
+    """(..., H, W) bool, where head or glasses are seen in views of a split, or of others."""
+    data = stack(split) if isinstance(split, str) else split
     flat = [data.image("instance", view) != NONE for view in views.flatten().tolist()]
     return torch.from_numpy(np.stack(flat)).unflatten(0, views.shape)
 
 
-def visible_surface(split: str, view: int) -> Tensor:
+def visible_surface(split: str | batches.Stack, view: int) -> Tensor:
     """(M, 3) float32 metres, the surface of head and glasses that a camera sees, in its frame."""
-    data = stack(split)
+    data = stack(split) if isinstance(split, str) else split
     depth = data.image("depth", view).astype(np.float32) * np.float32(data.depth_step)
     depth[data.image("instance", view) == NONE] = 0
     if not depth.any():

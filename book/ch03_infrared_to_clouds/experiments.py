@@ -1,4 +1,4 @@
-"""What chapter 3 measures: clouds learned from masks, what each part of it gives, and the masks.
+"""What chapter 3 measures: clouds learned from masks, what each part gives, masks, and light.
 
 "overlap" is the intersection over union, in %, of silhouette and true mask in the two views that
 the network was not given; "surface" the distance in mm from the surface that is seen to the cloud,
@@ -10,7 +10,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from book.ch03_infrared_to_clouds import cloud_training as training
-from book.ch03_infrared_to_clouds import threshold_masks
+from book.ch03_infrared_to_clouds import light, threshold_masks
 from book.ch03_infrared_to_clouds.cloud_training import CROWD
 from book.tools.checkpoints import Training
 from book.tools.claims import Claim
@@ -58,6 +58,11 @@ def _pair(favoured: str, other: str, metric: str) -> dict:
     return {"favoured": key(favoured, metric), "other": key(other, metric), **side}
 
 
+def _lost(group: str) -> dict:
+    sides = (threshold_masks.in_cuboid(name, "overlap lost", group) for name in ("Li", "fixed"))
+    return {**dict(zip(("favoured", "other"), sides, strict=True)), **LOWER, "unit": "%"}
+
+
 EVERY_CLAIM = [
     Claim(id="learned_shape",
           statement="A cloud learned from masks covers the views that were not shown better than a "
@@ -83,6 +88,23 @@ EVERY_CLAIM = [
     Claim(id="li_fixed", statement="Li's threshold separates better than the best fixed one",
           measurement="masks", favoured=Key("Li", "in the cuboid", "overlap"),
           other=Key("fixed", "in the cuboid", "overlap"), **HIGHER, **OURS),
+    Claim(id="li_distance",
+          statement="From near to far, Li's threshold loses less than the best fixed one",
+          measurement="gains", **_lost("farthest third"), **OURS),
+    Claim(id="li_darker",
+          statement="In images half as bright, Li's threshold loses less than the best fixed one",
+          measurement="gains", **_lost("gain 0.5"), **OURS),
+    Claim(id="li_brighter",
+          statement="In images twice as bright, Li's threshold loses less than the best fixed one",
+          measurement="gains", **_lost("gain 2"), **OURS),
+    Claim(id="night", statement="By night, clouds from infrared are better than from visible light",
+          source="section 1", measurement="light",
+          favoured=light.key("infrared", "overlap", 0), other=light.key("visible", "overlap", 0),
+          **HIGHER),
+    Claim(id="light", statement="Infrared depends less on light than visible light does",
+          source="sections 1 and 2.2", measurement="light",
+          favoured=light.key("infrared", "overlap spread"),
+          other=light.key("visible", "overlap spread"), better="lower", unit="%"),
     Claim(id="intensity_shape", statement="Intensity is crucial for the quality of the cloud",
           source="section 3.1.2", measurement="parts",
           **_pair("three views", "no intensity", "surface")),
@@ -184,6 +206,8 @@ def measure_sizes(seed: int) -> dict[Key, float]:
 TRAINED = (f"headset/{CROWD}", "headset/test")
 EVERY_MEASUREMENT = {
     "masks": Measurement(threshold_masks.measure, range(3), TRAINED),
+    "gains": Measurement(threshold_masks.measure_gains, range(3), TRAINED),
+    "light": Measurement(light.measure, range(3), TRAINED),
     "views": Measurement(measure_views, range(3), TRAINED),
     "parts": Measurement(measure_parts, range(3), TRAINED),
     "labels": Measurement(measure_labels, range(3), (*TRAINED, "headset/train")),

@@ -1,7 +1,8 @@
-"""What chapter 3's page looks at: clouds of single views, ceilings, and a training in short."""
+"""What chapter 3's page looks at: clouds of views, ceilings, a brief training, and its costs."""
 
 from __future__ import annotations
 
+import time
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +19,8 @@ from data_tools.worlds.redrawn import Redrawn
 from posecore.cameras import depth_to_points, project
 from posecore.methods.infrared.evaluation import first_met, overlap
 from posecore.methods.infrared.network import Cloud, CloudNet
-from posecore.methods.infrared.recipe import Recipe
-from posecore.methods.infrared.triples import Triples, reduced
+from posecore.methods.infrared.recipe import RECIPES, Recipe
+from posecore.methods.infrared.triples import reduced
 from posecore.scale import choose, scale
 from posecore.splat import Pictures
 from posecore.training import History, fit
@@ -31,6 +32,7 @@ __all__ = [
     "cloud_of",
     "constant_translation",
     "pictures_of",
+    "seconds_of_a_step",
     "seen_and_guessed",
     "surface_of",
     "targets_of",
@@ -98,14 +100,33 @@ def targets_of(recipe: Recipe, instant: list[View]) -> tuple[np.ndarray, np.ndar
 def train_briefly(recipe: Recipe) -> tuple[CloudNet, History]:
     """A small network, trained on a few instants of the crowd that are drawn for it."""
     few = Redrawn(range(choose(tiny=4, book=96, paper=96)), split=training.CROWD, scale=scale())
-    data = batches.load(few, progress=False)
-    triples = Triples(data, image=recipe.image, grid=recipe.grid[:2], masks=recipe.masks)
-    net = recipe.new_net(triples)
-    history = fit(
-        net, recipe.batches(triples), recipe.new_loss(triples.size), steps=recipe.steps,
-        device="cpu", **recipe.fit,
-    )  # fmt: skip
-    return net, history
+    return training.train_net(recipe, split=batches.load(few, progress=False), show=None)
+
+
+def seconds_of_a_step() -> tuple[float, float]:
+    """How long a step of a training takes at the paper's sizes, and at those that are compared.
+
+    Both of 4 instants. The time does not depend on what images show, so this scale's are enlarged.
+    It does depend on blur and points, which change in a training, so that it is the mean of steps
+    spread over it.
+    """
+    data = batches.load(Redrawn(range(4), split=training.CROWD, scale=scale()), progress=False)
+    paper = RECIPES["paper"]
+    large = choose(tiny=training.compared(image=(160, 94)), book=paper, paper=paper)
+    small = training.compared()
+    slow, quick = choose(tiny=(1, 1), book=(3, 20), paper=(3, 20))
+    return _seconds(large, data, slow), _seconds(small, data, quick)
+
+
+def _seconds(recipe: Recipe, data: batches.Stack, steps: int) -> float:
+    """Of one step with all instants of `data`, the mean of several."""
+    triples = recipe.triples(data)
+    net, loss = recipe.new_net(triples), recipe.new_loss(triples.size)
+    for number in (1, steps):  # the first is slower, and not counted
+        start = time.perf_counter()
+        some = recipe.batches(triples, steps=number, batch=len(triples))
+        fit(net, some, loss, steps=number, device="cpu", show=False, **recipe.fit)
+    return (time.perf_counter() - start) / steps
 
 
 def constant_translation() -> float:

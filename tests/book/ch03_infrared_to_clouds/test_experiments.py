@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from book.ch03_infrared_to_clouds import cloud_training as training
-from book.ch03_infrared_to_clouds import experiments, looking, threshold_masks
+from book.ch03_infrared_to_clouds import experiments, light, looking, threshold_masks
+from data_tools.worlds.redrawn import Redrawn
 from posecore.methods.infrared.losses import CloudLoss
 
 
@@ -31,9 +32,11 @@ def test_each_run_differs_from_the_first_in_what_it_says(monkeypatch):
 
 def test_every_claim_is_about_runs_that_there_are():
     known = set(experiments.RUNS) | {"head straight ahead", "head at the true pose"}
+    thresholds = {"Li", "Otsu", "fixed"}
+    others = {"masks": thresholds, "gains": thresholds, "light": set(light.LIGHTS)}
     for claim in experiments.EVERY_CLAIM:
-        if claim.measurement != "masks":
-            assert {claim.favoured.method, claim.other.method} <= known
+        methods = {claim.favoured.method, claim.other.method}
+        assert methods <= others.get(claim.measurement, known)
         assert claim.measurement in experiments.EVERY_MEASUREMENT
 
 
@@ -43,6 +46,76 @@ def test_masks_by_thresholds_have_overlaps(shared_cache):
     assert len(values) == 6 and all(0 < value < 100 for value in values.values())
     by_key = {(key.method, key.split): value for key, value in values.items()}
     assert by_key["Li", "in the cuboid"] > by_key["Li", "whole image"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["gains", "light"])
+def test_claims_have_numbers_of_both_sides(name, shared_cache):
+    values = experiments.EVERY_MEASUREMENT[name].function(0)
+    claims = [claim for claim in experiments.EVERY_CLAIM if claim.measurement == name]
+    assert claims
+    assert {side for claim in claims for side in (claim.favoured, claim.other)} <= set(values)
+    for key, value in values.items():
+        assert np.isfinite(value), key
+        if key.metric == "overlap":
+            assert 0 <= value <= 100, key
+
+
+@pytest.mark.slow
+def test_overlaps_lost_are_differences(shared_cache):
+    values = threshold_masks.measure_gains(1)
+    assert len(values) == 3 * (6 + 3)
+    for name in ("Li", "Otsu", "fixed"):
+        for after, before in (("farthest third", "nearest third"), ("gain 0.5", "gain 1")):
+            first, then = (
+                values[threshold_masks.in_cuboid(name, "overlap", group)]
+                for group in (before, after)
+            )
+            lost = values[threshold_masks.in_cuboid(name, "overlap lost", after)]
+            assert lost == pytest.approx(first - then)
+
+
+@pytest.mark.slow
+def test_instants_in_visible_light_are_the_same_in_grey(monkeypatch):
+    monkeypatch.setenv("POSECORE_SCALE", "tiny")
+    grey = light.drawn("test", "visible", 1.0)
+    infrared = light.drawn("test", "infrared", 1.0)
+    assert grey.kinds == infrared.kinds and len(grey) == len(infrared) == 6
+    assert torch.equal(grey.t, infrared.t)
+    for view, colours in enumerate(Redrawn([0], split="test", light="visible", daylight=1.0)):
+        assert np.array_equal(grey.image("instance", view), infrared.image("instance", view))
+        luma = colours.rgb @ [0.299, 0.587, 0.114]
+        assert np.abs(grey.image("ir", view) - luma).max() < 1
+        assert not np.array_equal(grey.image("ir", view), infrared.image("ir", view))
+    night = light.drawn("test", "visible", 0.0)
+    assert night.image("ir", 0).mean() < 0.5 * grey.image("ir", 0).mean()
+
+
+@pytest.mark.slow
+def test_views_of_a_split_are_measured_as_the_split(shared_cache):
+    recipe = training.compared()
+    net = looking.blank_net(recipe).eval()
+    net.high.copy_(torch.tensor([0.2, 0.2, 1.0]))
+    by_name = training.evaluate(net, recipe, "test", most=2)
+    by_views = training.evaluate(net, recipe, training.stack("test"), most=2)
+    for one, other in zip(by_name, by_views, strict=True):
+        assert torch.equal(one.nan_to_num(-1), other.nan_to_num(-1))
+
+
+@pytest.mark.slow
+def test_a_training_with_views_is_that_with_their_split(shared_cache):
+    recipe = training.compared(steps=2)
+    by_name, _ = training.train_net(recipe, split="test", keep=False)
+    by_views, history = training.train_net(recipe, split=training.stack("test"))
+    assert len(history.losses["loss"]) == 2
+    for name, value in by_name.state_dict().items():
+        assert torch.equal(value, by_views.state_dict()[name]), name
+
+
+@pytest.mark.slow
+def test_a_step_takes_time(monkeypatch):
+    monkeypatch.setenv("POSECORE_SCALE", "tiny")
+    assert all(seconds > 0 for seconds in looking.seconds_of_a_step())
 
 
 def test_overlap_and_otsu():
