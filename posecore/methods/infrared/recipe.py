@@ -43,8 +43,9 @@ class Recipe:
         points, width, blocks, max_channels, hidden, cube, max_scale: of `CloudNet`.
         normalised: whether images are normalised by mean and deviation of the training's.
         masks: one of `triples.MASKS`; the paper has thresholds.
-        views: in how many the losses look; None for all.
-        own_view: whether the input's own view is among them.
+        views: how many teach, the input's own among them; None for all.
+        own_view: whether the input's own view is one of those that teach.
+        looks: at how many of these, drawn anew, the losses look in a step; None for all.
         turn: degrees by which an input's camera is turned at most, for `Triples.draw`.
         mirror: whether half of the instants are mirrored.
         loss: `CloudLoss` without its projector.
@@ -66,6 +67,7 @@ class Recipe:
     masks: str = "threshold"
     views: int | None = None
     own_view: bool = True
+    looks: int | None = None
     turn: float = 0.0
     mirror: bool = False
     loss: Callable[[Projector], CloudLoss] = CloudLoss
@@ -108,7 +110,8 @@ class Recipe:
     ) -> Batches:
         """The batches of a training; `steps` and `batch` are the recipe's if they are not given."""
         draw = partial(
-            triples.draw, seen=self.views, own=self.own_view, turn=self.turn, mirror=self.mirror
+            triples.draw, views=self.views, own=self.own_view, looks=self.looks, turn=self.turn,
+            mirror=self.mirror,
         )
         return Batches(draw, steps=steps or self.steps, seed=seed, count=batch or self.batch)
 

@@ -119,8 +119,9 @@ class Triples:
         *,
         generator: torch.Generator,
         count: int,
-        seen: int | None = None,
+        views: int | None = None,
         own: bool = True,
+        looks: int | None = None,
         turn: float = 0.0,
         mirror: bool = False,
     ) -> dict[str, Tensor]:
@@ -129,8 +130,11 @@ class Triples:
         Args:
             generator: of random numbers.
             count: B.
-            seen: S, in how many views the losses look; None for all.
-            own: whether the input's own view is the first of these, or none of them.
+            views: V, how many views teach of an input: its own, the next camera's, and so on in
+                turns; None for all.
+            own: whether the input's own view is one of these.
+            looks: S, at how many of these, drawn anew, the losses look in a step; None for all, in
+                their order. Few are an unbiased estimate of all, and cost less.
             turn: degrees by which the input's camera is turned at most, about each of its axes: its
                 image is warped, and pose and translation follow exactly.
             mirror: whether half of the instants are mirrored, cameras and all.
@@ -144,12 +148,15 @@ class Triples:
         Raises:
             ValueError: if there are not so many views.
         """
-        cameras = self.views.shape[1]
-        most = cameras if own else cameras - 1
-        seen = most if seen is None else require_integer("seen", seen, 1, most)
+        cameras, first = self.views.shape[1], 0 if own else 1
+        views = cameras if views is None else require_integer("views", views, 1 + first, cameras)
+        looks = views - first if looks is None else require_integer("looks", looks, 1, views - first)
         instant = torch.randint(len(self), (count,), generator=generator)
-        order = torch.rand(count, cameras, generator=generator).argsort(1)
-        view, looked = order[:, 0], order[:, (0 if own else 1) :][:, :seen]
+        view = torch.randint(cameras, (count,), generator=generator)
+        looked = (view[:, None] + torch.arange(first, views)) % cameras
+        if looks < views - first:
+            order = torch.rand(count, views - first, generator=generator).argsort(1)
+            looked = looked.gather(1, order[:, :looks])
         angles = (2 * torch.rand(count, 3, generator=generator) - 1) * math.radians(turn)
         flip = torch.rand(count, generator=generator) < (0.5 if mirror else 0.0)
         at = instant[:, None], looked

@@ -72,7 +72,7 @@ def test_first_weights_follow_from_the_seed(triples):
 
 
 def test_batches_are_as_many_and_as_large_as_it_says(triples):
-    recipe = replace(SMALL, views=2, own_view=False, steps=3, batch=5)
+    recipe = replace(SMALL, looks=2, own_view=False, steps=3, batch=5)
     found = list(recipe.batches(triples))
     assert [float(batch["done"]) for batch in found] == pytest.approx([0, 1 / 3, 2 / 3])
     assert all(batch["images"].shape == (5, 1, 48, 64) for batch in found)
