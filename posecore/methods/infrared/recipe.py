@@ -110,7 +110,11 @@ class Recipe:
     ) -> Batches:
         """The batches of a training; `steps` and `batch` are the recipe's if they are not given."""
         draw = partial(
-            triples.draw, views=self.views, own=self.own_view, looks=self.looks, turn=self.turn,
+            triples.draw,
+            views=self.views,
+            own=self.own_view,
+            looks=self.looks,
+            turn=self.turn,
             mirror=self.mirror,
         )
         return Batches(draw, steps=steps or self.steps, seed=seed, count=batch or self.batch)

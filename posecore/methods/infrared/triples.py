@@ -150,12 +150,13 @@ class Triples:
         """
         cameras, first = self.views.shape[1], 0 if own else 1
         views = cameras if views is None else require_integer("views", views, 1 + first, cameras)
-        looks = views - first if looks is None else require_integer("looks", looks, 1, views - first)
+        teach = views - first
+        looks = teach if looks is None else require_integer("looks", looks, 1, teach)
         instant = torch.randint(len(self), (count,), generator=generator)
         view = torch.randint(cameras, (count,), generator=generator)
         looked = (view[:, None] + torch.arange(first, views)) % cameras
-        if looks < views - first:
-            order = torch.rand(count, views - first, generator=generator).argsort(1)
+        if looks < teach:
+            order = torch.rand(count, teach, generator=generator).argsort(1)
             looked = looked.gather(1, order[:, :looks])
         angles = (2 * torch.rand(count, 3, generator=generator) - 1) * math.radians(turn)
         flip = torch.rand(count, generator=generator) < (0.5 if mirror else 0.0)
