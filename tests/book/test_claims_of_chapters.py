@@ -74,7 +74,8 @@ SHADING = "data_tools.renderer.shading"
 LOOKS_AT_PICTURES = {
     *("split_of_films", "from_images", "from_points", "losses", "systems", "speed"),
     *("field", "refiner"),
-    *("masks", "clouds"),
+    *("masks", "gains", "views", "parts", "labels", "weights", "places", "blurs", "sizes"),
+    *("light", "clouds"),
 }
 
 

@@ -130,7 +130,7 @@ class Recipe:
 
 BEST = {
     "optimiser": Muon, "lr": 3e-3, "schedule": "cosine", "clip": 1.0, "masks": "exact",
-    "mirror": True, "hidden": 176, "max_channels": 96,
+    "mirror": True, "hidden": 176, "max_channels": 96, "looks": 1, "max_scale": 4.0,
 }  # fmt: skip
 RECIPES = {
     "tiny": Recipe(
