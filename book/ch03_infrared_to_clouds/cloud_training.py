@@ -65,7 +65,7 @@ def compared(**changes: object) -> Recipe:
     loss = partial(CloudLoss, **{"blur": (2.0, SHARP), "keep": (0.2, 1.0)} | own)
     sizes = {
         "image": (80, 47), "grid": (40, 24, 40), "points": choose(tiny=128, book=512, paper=512),
-        "blocks": 5, "steps": choose(tiny=4, book=2000, paper=2000),
+        "blocks": 5, "steps": choose(tiny=4, book=1500, paper=1500),
         "batch": choose(tiny=4, book=16, paper=16), "loss": loss,
     }  # fmt: skip
     return replace(recipe(), **sizes | changes)

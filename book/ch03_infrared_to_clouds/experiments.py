@@ -16,6 +16,7 @@ from book.tools.checkpoints import Training
 from book.tools.claims import Claim
 from book.tools.keys import Key
 from book.tools.ledger import Measurement
+from posecore.scale import choose
 
 __all__ = [
     "CHECKPOINTS",
@@ -145,7 +146,7 @@ def measure_run(name: str, seed: int) -> dict[Key, float]:
     split = changes.pop("split", CROWD)
     recipe = training.compared(**changes)
     net, _ = training.train_net(recipe, split=split, seed=seed, name=name)
-    measured = training.evaluate(net, recipe)
+    measured = training.evaluate(net, recipe, most=choose(tiny=4, book=200, paper=200))
     return {
         key(name, "overlap"): 100 * float(measured.unseen().mean()),
         key(name, "overlap at the true place"): 100

@@ -67,9 +67,9 @@ def drawn(split: str, light: str, daylight: float | None = None) -> batches.Stac
         daylight: from 0 at night to 1; None for that of the records.
     """
     if split == training.CROWD:
-        count = choose(tiny=4, book=1000, paper=1000)
+        count = choose(tiny=4, book=600, paper=600)
     else:
-        count = choose(tiny=2, book=100, paper=100)
+        count = choose(tiny=2, book=60, paper=60)
     views = Redrawn(range(count), split=split, scale=scale(), light=light, daylight=daylight)
     return batches.load(views if light == "infrared" else Grey(views), progress=False)
 

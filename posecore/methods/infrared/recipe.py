@@ -138,7 +138,7 @@ RECIPES = {
         loss=partial(CloudLoss, blur=(2.0, 0.4), keep=(0.2, 1.0)),
     ),
     "book": Recipe(
-        image=(160, 94), grid=(80, 47, 80), points=512, blocks=6, batch=16, steps=4500, **BEST,
+        image=(160, 94), grid=(80, 47, 80), points=512, blocks=6, batch=16, steps=18_000, **BEST,
         loss=partial(CloudLoss, blur=(4.0, 0.8), keep=(0.2, 1.0)),
     ),
     # The paper; blocks, batch and steps are not in it.

@@ -34,10 +34,10 @@ def test_every_claim_is_about_runs_that_there_are():
     known = set(experiments.RUNS) | {"head straight ahead", "head at the true pose"}
     thresholds = {"Li", "Otsu", "fixed"}
     others = {"masks": thresholds, "gains": thresholds, "light": set(light.LIGHTS)}
-    for claim in experiments.EVERY_CLAIM:
+    for claim in experiments.CLAIMS:
         methods = {claim.favoured.method, claim.other.method}
         assert methods <= others.get(claim.measurement, known)
-        assert claim.measurement in experiments.EVERY_MEASUREMENT
+        assert claim.measurement in experiments.MEASUREMENTS
 
 
 @pytest.mark.slow
@@ -51,8 +51,8 @@ def test_masks_by_thresholds_have_overlaps(shared_cache):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["gains", "light"])
 def test_claims_have_numbers_of_both_sides(name, shared_cache):
-    values = experiments.EVERY_MEASUREMENT[name].function(0)
-    claims = [claim for claim in experiments.EVERY_CLAIM if claim.measurement == name]
+    values = experiments.MEASUREMENTS[name].function(0)
+    claims = [claim for claim in experiments.CLAIMS if claim.measurement == name]
     assert claims
     assert {side for claim in claims for side in (claim.favoured, claim.other)} <= set(values)
     for key, value in values.items():
