@@ -651,7 +651,7 @@ ledger_table(all_rows().get("03_infrared_to_clouds", []))
 #   once, on training images as they are, and knows of neither; Li's is found anew in each image.
 #   "Overlap lost" is what the masks lose from the nearest third of the views to the farthest, and
 #   from gain 1 to another gain.
-# - **Infrared and visible light.** 1000 instants of the crowd are drawn twice: as the infrared
+# - **Infrared and visible light.** 600 instants of the crowd are drawn twice: as the infrared
 #   cameras see them, by their lamps, and in grey, as colour cameras in the same places would see
 #   them without these lamps. One network learns from each. Both are tested at four daylights, from
 #   night to noon; "overlap spread" is the largest of the four overlaps less the smallest. This is
