@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 import torch
 import torch.nn.functional as F
+from IPython.display import display
 from torch import Tensor
 
 import data_tools
@@ -17,8 +19,9 @@ from data_tools.views import View
 from data_tools.worlds import headset
 from data_tools.worlds.redrawn import Redrawn
 from posecore.cameras import depth_to_points, project
+from posecore.figures import Picture
 from posecore.methods.infrared.evaluation import first_met, overlap
-from posecore.methods.infrared.network import Cloud, CloudNet
+from posecore.methods.infrared.network import SIZES, Cloud, CloudNet
 from posecore.methods.infrared.recipe import RECIPES, Recipe
 from posecore.methods.infrared.triples import reduced
 from posecore.scale import choose, scale
@@ -36,8 +39,11 @@ __all__ = [
     "seen_and_guessed",
     "surface_of",
     "targets_of",
-    "train_briefly",
+    "train_watched",
 ]
+
+
+STAGES = 6  # of a training that is watched
 
 
 class Cameras(NamedTuple):
@@ -50,10 +56,7 @@ class Cameras(NamedTuple):
 
 def blank_net(recipe: Recipe) -> CloudNet:
     """The network of a recipe, to be given weights."""
-    return CloudNet(
-        recipe.image, recipe.points, width=recipe.width, blocks=recipe.blocks,
-        max_channels=recipe.max_channels, hidden=recipe.hidden, cube=recipe.cube,
-    )  # fmt: skip
+    return CloudNet(recipe.image, **{name: getattr(recipe, name) for name in SIZES})
 
 
 @torch.no_grad()
@@ -97,10 +100,41 @@ def targets_of(recipe: Recipe, instant: list[View]) -> tuple[np.ndarray, np.ndar
     return small[0], small[1]
 
 
-def train_briefly(recipe: Recipe) -> tuple[CloudNet, History]:
-    """A small network, trained on a few instants of the crowd that are drawn for it."""
+def train_watched(
+    recipe: Recipe, view: View, draw: Callable[[Mapping[str, np.ndarray]], Picture]
+) -> tuple[CloudNet, History]:
+    """A small network, trained on a few instants of the crowd that are drawn for it.
+
+    Args:
+        recipe: what is trained.
+        view: whose cloud is looked at on the way.
+        draw: makes a picture of its clouds so far, step -> (N, 3) metres about their place. A
+            notebook shows the newest in the place of the one before.
+    """
     few = Redrawn(range(choose(tiny=4, book=96, paper=96)), split=training.CROWD, scale=scale())
-    return training.train_net(recipe, split=batches.load(few, progress=False), show=None)
+    triples = recipe.triples(batches.load(few, progress=False))
+    stages: dict[str, np.ndarray] = {}
+    every = -(-recipe.steps // STAGES)
+    handle = None
+
+    def watch(net: CloudNet) -> dict[str, float]:
+        nonlocal handle
+        cloud = predicted(net, view)
+        stages[f"step {min(recipe.steps, every * (len(stages) + 1))}"] = cloud.points[0].numpy()
+        bundle, metadata = draw(stages)._repr_mimebundle_()
+        shown = {"metadata": metadata, "raw": True}
+        if handle is None:
+            handle = display(bundle, display_id=True, **shown)
+        else:
+            handle.update(bundle, **shown)
+        return {"scale": float(cloud.scale)}
+
+    net = recipe.new_net(triples)
+    history = fit(
+        net, recipe.batches(triples), recipe.new_loss(triples.size), steps=recipe.steps,
+        device="cpu", evaluate=watch, evaluate_every=every, show=False, **recipe.fit,
+    )  # fmt: skip
+    return net, history
 
 
 def seconds_of_a_step() -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from posecore.figures import Picture, chart
 from posecore.figures.style import COLOURS, house_style, new_picture
 
-__all__ = ["eight_corners", "pulled", "ray", "reach"]
+__all__ = ["eight_corners", "pulled", "ray", "reach", "turning"]
 
 
 @house_style
@@ -88,4 +88,32 @@ def pulled(stages: Mapping[str, np.ndarray], mask: np.ndarray) -> Picture:
         axes.scatter(points[:, 0], points[:, 1], s=4, color=COLOURS[4])
         axes.set(title=title, xticks=[], yticks=[])
         axes.set(xlim=(-0.5, mask.shape[1] - 0.5), ylim=(mask.shape[0] - 0.5, -0.5))
+    return figure
+
+
+@house_style
+def turning(stages: Mapping[str, np.ndarray], most: int = 6) -> Picture:
+    """A cloud at several stages of a training, each seen from a little further to the side.
+
+    Args:
+        stages: title -> (N, 3) metres, about the cloud's place, along the axes of the camera.
+        most: of stages; the panels of those that are still to come stay empty.
+    """
+    figure = new_picture(
+        1.6 * most, 2.1,
+        f"The cloud of one image at {', '.join(stages)} of its training, turned further each time, "
+        "from the front to the side.",
+    )  # fmt: skip
+    panels = np.atleast_1d(figure.subplots(1, most))
+    for axes in panels:
+        axes.set_axis_off()
+    for number, (axes, (title, points)) in enumerate(zip(panels, stages.items(), strict=False)):
+        angle = np.radians(90 * number / max(1, most - 1))
+        across = np.cos(angle) * points[:, 0] + np.sin(angle) * points[:, 2]
+        ahead = np.cos(angle) * points[:, 2] - np.sin(angle) * points[:, 0]
+        order = np.argsort(-ahead)  # what is near is drawn last
+        axes.scatter(
+            100 * across[order], 100 * points[order, 1], c=-ahead[order], s=5, cmap="viridis"
+        )
+        axes.set(xlim=(-20, 20), ylim=(20, -20), aspect="equal", title=title)
     return figure

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+import data_tools
 from book.ch03_infrared_to_clouds import cloud_training as training
 from book.ch03_infrared_to_clouds import experiments, light, looking, threshold_masks
+from book.ch03_infrared_to_clouds.drawing import splats
 from data_tools.worlds.redrawn import Redrawn
 from posecore.methods.infrared.losses import CloudLoss
 
@@ -141,3 +143,23 @@ def test_measured_clouds_and_floors(shared_cache):
     assert 0.2 < straight < posed < 1
     assert looking.ceiling(2) > posed
     assert 0.02 < looking.constant_translation() < 0.2
+
+
+def test_a_cloud_is_watched_while_its_network_learns(monkeypatch):
+    """As often as there are panels, and at the end it is the cloud of the trained network."""
+    monkeypatch.setenv("POSECORE_SCALE", "tiny")
+    drawn, recipe = [], training.compared(steps=12)
+    view = data_tools.open("headset", split="test")[1]
+
+    def draw(stages):
+        drawn.append(dict(stages))
+        return splats.turning(stages)
+
+    net, history = looking.train_watched(recipe, view, draw)
+    assert len(history.losses["loss"]) == 12 and history.measured_at[-1] == 12
+    assert [len(stages) for stages in drawn] == list(range(1, looking.STAGES + 1))
+    last = drawn[-1]
+    assert list(last) == [f"step {number}" for number in range(2, 13, 2)]
+    expected = looking.predicted(net, view).points[0].numpy()
+    np.testing.assert_array_equal(last["step 12"], expected)
+    assert not np.array_equal(last["step 2"], expected)

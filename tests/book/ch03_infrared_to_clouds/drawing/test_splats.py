@@ -23,3 +23,15 @@ def test_ray_reach_and_pulled():
     stages = {"step 1": np.zeros((5, 2)), "step 9": np.ones((5, 2))}
     figure = splats.pulled(stages, np.eye(6))
     assert np.array_equal(figure.axes[1].collections[0].get_offsets(), np.ones((5, 2)))
+
+
+def test_a_cloud_is_turned_from_panel_to_panel():
+    points = np.array([[0.1, 0, 0], [0, 0.05, -0.1], [0, 0, 0.1]])
+    figure = splats.turning({"step 1": points, "step 2": points, "step 3": points}, most=3)
+    offsets = [np.asarray(axes.collections[0].get_offsets()) for axes in figure.axes]
+    # The farthest is drawn first: seen from the front, the third.
+    np.testing.assert_allclose(offsets[0], [[0, 0], [10, 0], [0, 5]], atol=1e-9)
+    np.testing.assert_allclose(sorted(offsets[2][:, 0]), [-10, 0, 10], atol=1e-9)
+    assert [axes.get_title() for axes in figure.axes] == ["step 1", "step 2", "step 3"]
+    empty = splats.turning({"step 1": points}, most=3)
+    assert [len(axes.collections) for axes in empty.axes] == [1, 0, 0]
