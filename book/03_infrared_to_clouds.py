@@ -47,8 +47,9 @@ figures.Viewer({"predicted cloud": cloud, "true surface": surface}, up="-y", uni
 # Turn it. One infrared photograph of a driver went into a network, and this cloud of points came
 # out (the other points are the true surface, as far as the camera sees it). The network has never
 # seen this driver. That a network can say depth from one image is known. The odd thing is how it
-# was taught: **nobody ever showed it any depth.** No depth camera, no scan, no 3D model. All it was
-# given were black and white shapes: where in a photograph the head is, seen from two other sides.
+# was taught: **nobody ever showed it the shape of a head.** No depth camera, no scan, no 3D model.
+# It was told where the glasses are, one point; all else are black and white pictures: which pixels
+# of a photograph are head, seen from other sides.
 #
 # How can flat shapes teach depth? That is this chapter. Its method is the first half of Firintepe
 # et al., *From IR Images to Point Clouds to Pose* (2021); chapter 4 makes poses out of such clouds.
@@ -80,7 +81,7 @@ figures.Viewer({"predicted cloud": cloud, "true surface": surface}, up="-y", uni
 # | $t$ | `t` | the translation: where the glasses are, in the camera's frame, metres |
 # | $o_i$ | `occupancy` | how much of a ray's light voxel $i$ stops, 0 to 1 |
 # | $c_i$ | `intensities` | how bright what is in voxel $i$ is, 0 to 1 |
-# | $s$ | `scale` | the occupancy scale, one number for a cloud, 0 to 1 |
+# | $s$ | `scale` | the occupancy scale, one number for a cloud, 0 to 4 |
 # | $\sigma$ | `sigma` | width of a blur, voxels |
 # | $\theta$ | `threshold` | brightness above which a pixel counts as foreground |
 
