@@ -1,0 +1,1 @@
+"""CloudPose: two PointNets, one for the rotation and one for the translation."""
