@@ -234,7 +234,11 @@ class _Fused(torch.autograd.Function):
             # Every row pulls at mean and variance: by a line in its own value.
             pull = -slope * scale * of_slope / ctx.count
             constant = -slope * sums / ctx.count - pull * means[i]
-            above, below = below, table.new_empty(few[-1].at.stop, len(layers[max(0, i - 1)].slope))
+            channels = len(layers[max(0, i - 1)].slope)
+            above = below
+            # Each few are read before they are written, so one place may do for both.
+            if above is None or above.shape[1] != channels:
+                below = table.new_empty(few[-1].at.stop, channels)
             if i:
                 sums, products = torch.zeros_like(means[i - 1]), torch.zeros_like(means[i - 1])
                 of_weights[i] = torch.zeros_like(weights[i])
@@ -259,7 +263,7 @@ class _Fused(torch.autograd.Function):
                     continue
                 of_weights[i].addmm_(pulled.T, x)
                 g = torch.mm(pulled, weights[i], out=below[part.at])
-                g *= x > 0
+                torch.ops.aten.threshold_backward(g, x, 0, grad_input=g)  # of ReLU
                 sums += g.sum(0)
                 products += (g * before).sum(0)
         rows = torch.cat([part.rows.flatten() for part in few])
