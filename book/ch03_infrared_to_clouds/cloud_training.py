@@ -66,7 +66,7 @@ def compared(**changes: object) -> Recipe:
     sizes = {
         "image": (80, 47), "grid": (40, 24, 40), "points": choose(tiny=128, book=512, paper=512),
         "blocks": 5, "steps": choose(tiny=4, book=1500, paper=1500),
-        "batch": choose(tiny=4, book=16, paper=16), "loss": loss,
+        "batch": choose(tiny=4, book=16, paper=16), "loss": loss, "own_view": True,
     }  # fmt: skip
     return replace(recipe(), **sizes | changes)
 

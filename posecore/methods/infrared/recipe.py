@@ -138,8 +138,9 @@ RECIPES = {
         loss=partial(CloudLoss, blur=(2.0, 0.4), keep=(0.2, 1.0)),
     ),
     "book": Recipe(
-        image=(160, 94), grid=(80, 47, 80), points=512, blocks=6, batch=16, steps=18_000, **BEST,
-        loss=partial(CloudLoss, blur=(4.0, 0.8), keep=(0.2, 1.0)),
+        image=(160, 94), grid=(80, 47, 80), points=512, blocks=6, batch=16, steps=23_000, **BEST,
+        own_view=False,
+        loss=partial(CloudLoss, weights=(0.4, 0.5, 0.1), blur=(4.0, 0.8), keep=(0.2, 1.0)),
     ),
     # The paper; blocks, batch and steps are not in it.
     "paper": Recipe(
