@@ -20,6 +20,7 @@ from data_tools.worlds import headset
 from data_tools.worlds.redrawn import Redrawn
 from posecore.cameras import depth_to_points, project
 from posecore.figures import Picture
+from posecore.methods.infrared.clouds import predict
 from posecore.methods.infrared.evaluation import first_met, overlap
 from posecore.methods.infrared.network import SIZES, Cloud, CloudNet
 from posecore.methods.infrared.recipe import RECIPES, Recipe
@@ -34,6 +35,7 @@ __all__ = [
     "ceiling",
     "cloud_of",
     "constant_translation",
+    "off_by_axis",
     "pictures_of",
     "seconds_of_a_step",
     "seen_and_guessed",
@@ -163,6 +165,13 @@ def _seconds(recipe: Recipe, data: batches.Stack, steps: int) -> float:
     return (time.perf_counter() - start) / steps
 
 
+def off_by_axis(net: CloudNet, recipe: Recipe) -> list[float]:
+    """Metres, the median error of the translation along x, y and z of the cameras."""
+    data = training.triples_for(recipe, training.TEST)
+    found = predict(net, data.images.flatten(0, 1)).t
+    return (found - data.t.flatten(0, 1)).abs().median(0).values.tolist()
+
+
 def constant_translation() -> float:
     """Metres, the median error of a translation that is always the mean of the training's."""
     train = training.stack(training.CROWD)
@@ -175,7 +184,7 @@ def constant_translation() -> float:
 def ceiling(instants: int) -> float:
     """Mean overlap of visual hulls of three true masks with these masks, over some instants.
 
-    Voxels of 5 mm. Each hull is compared in the views that it was cut out by, so that this is what
+    Voxels of 6 mm. Each hull is compared in the views that it was cut out by, so that this is what
     clouds could reach that fill it, at the size of the grid.
     """
     sizes = training.recipe()

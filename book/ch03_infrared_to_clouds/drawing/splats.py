@@ -59,10 +59,10 @@ def reach(pulls: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Picture:
     """How strongly a mask pulls at a point, against how far it is from it.
 
     Args:
-        pulls: label -> distances in voxels, and the gradient's length.
+        pulls: label -> distances in voxels, and the gradient's length as a share of its largest.
     """
     return chart(
-        pulls, xlabel="distance from the mask, voxels", ylabel="pull (length of the gradient)",
+        pulls, xlabel="distance from the mask, voxels", ylabel="pull, share of its largest",
         size=(6.6, 3.2),
         alt="The pull of a mask on a point falls to nothing within a voxel or two if nothing is "
         "blurred, and reaches several times as far with a wide blur.",
