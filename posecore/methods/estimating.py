@@ -23,7 +23,15 @@ from posecore.methods.sources import new_parser, open_source
 from posecore.metrics.pose_table import PoseTable
 from posecore.training.machine import choose_device
 
-__all__ = ["Estimate", "Estimator", "PlainEstimate", "add_parser", "estimate", "estimate_views"]
+__all__ = [
+    "Estimate",
+    "Estimator",
+    "PlainEstimate",
+    "add_parser",
+    "estimate",
+    "estimate_views",
+    "known_object",
+]
 
 
 class Estimate(Protocol):
@@ -147,6 +155,26 @@ def estimate_views(
         seconds.append(time.perf_counter() - began)
         rows += [(view.scene_id, view.image_id, seconds[-1], item) for item in found]
     return _table(rows), seconds
+
+
+def known_object(view: View, objects: Sequence[int]) -> int:
+    """Which object a view shows, for a method that tells none from another.
+
+    Args:
+        view: with labels or without.
+        objects: those that the method was trained on.
+
+    Returns:
+        The view's first object, in `headset` the glasses; without labels the one of the training.
+
+    Raises:
+        ValueError: if there are no labels, and there were several in the training.
+    """
+    if view.objects:
+        return view.objects[0].object_id
+    if len(objects) > 1:
+        fail("--data", f"data that say which of the objects {list(objects)} is seen", f"{view}")
+    return objects[0]
 
 
 def _colours(source: str, view: View) -> tuple[Tensor, np.ndarray]:

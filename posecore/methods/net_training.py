@@ -77,8 +77,9 @@ def train_net(
     if options.split is None:
         options.split = default_split(options.data)
     data = load(options, job, recipe)
+    objects = None if options.objects is None else sorted(set(options.objects))
     asked = {
-        "data": options.data, "split": options.split, "objects": options.objects,
+        "data": options.data, "split": options.split, "objects": objects,
         "scale": job.scale, "kind": recipe.kind, "steps": recipe.steps, "batch": recipe.batch,
         "seed": options.seed,
     }  # fmt: skip

@@ -21,7 +21,7 @@ from posecore.methods.points_to_pose.training import clouds_of
 from posecore.methods.runs import read_net_run
 from posecore.poses import apply, from_matrix, relative
 
-__all__ = ["CloudEstimator", "SeenCloud", "estimate_on_clouds", "worn_object"]
+__all__ = ["CloudEstimator", "SeenCloud", "estimate_on_clouds"]
 
 
 class SeenCloud(NamedTuple):
@@ -72,7 +72,7 @@ class CloudEstimator:
         if view.T_world_cam is None:
             fail("--data", "calibrated cameras (T_world_cam)", f"{view} without")
         points = self._visible(view) if self.clouds is None else self._predicted(view)
-        return SeenCloud(points, view.T_world_cam, worn_object(view, self.objects))
+        return SeenCloud(points, view.T_world_cam, estimating.known_object(view, self.objects))
 
     def estimate(
         self, points: np.ndarray, T_world_cam: np.ndarray, object_id: int
@@ -101,23 +101,6 @@ class CloudEstimator:
         points = clouds.points[row].double() + clouds.t[row].double()
         chosen = self._rng.choice(len(points), self.points, replace=False)
         return points[chosen].numpy()
-
-
-def worn_object(view: View, objects: list[int]) -> int:
-    """Which glasses are in a view: its first object, or without labels those of the training.
-
-    Args:
-        view: with labels or without.
-        objects: of the training.
-
-    Raises:
-        ValueError: if it has no labels, and there were several: no method here tells them apart.
-    """
-    if view.objects:
-        return view.objects[0].object_id
-    if len(objects) > 1:
-        fail("--data", f"data that say which of the objects {objects} is worn", f"{view}")
-    return objects[0]
 
 
 def estimate_on_clouds(options: argparse.Namespace, kind: type[CloudRun]) -> None:
