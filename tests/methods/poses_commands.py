@@ -1,15 +1,10 @@
 """The words of `train` and `estimate` for methods of one network, and what is true of all."""
 
-import json
-from contextlib import redirect_stdout
-from io import StringIO
-
 import numpy as np
 
 import data_tools
-from data_tools.bop import read_results, write_results
+from data_tools.bop import read_results
 from posecore.methods.main import main
-from posecore.metrics.pose_table import PoseTable
 
 TRAINING = ["--split", "test", "--scale", "tiny", "--steps", "3", "--batch", "4"]
 
@@ -60,20 +55,11 @@ def check_rows(table):
                                atol=1e-5)  # fmt: skip
 
 
-def check_evaluated(output, tmp_path):
-    """`evaluate` finds each of them in a file of the true poses."""
-    views = list(data_tools.open("headset", split="test", scale="tiny"))
-    worn = [view.objects[0] for view in views]
-    true = PoseTable(
-        scene_id=np.array([view.scene_id for view in views]),
-        image_id=np.array([view.image_id for view in views]),
-        object_id=np.array([item.object_id for item in worn]),
-        R=np.stack([item.R for item in worn]), t=np.stack([item.t for item in worn]),
-        score=np.ones(len(views)), time=-np.ones(len(views)),
-    )  # fmt: skip
-    write_results(tmp_path / "true.csv", true)
-    numbers = tmp_path / "numbers.json"
-    words = ["evaluate", str(output), str(tmp_path / "true.csv"), "--json", str(numbers)]
-    with redirect_stdout(StringIO()):
-        assert main(words) == 0
-    assert json.loads(numbers.read_text())
+def check_evaluated(method, run, recording, tmp_path, *more):
+    """Poses of a recording on disk are found by `evaluate`, each of them."""
+    output, numbers = tmp_path / "recorded.csv", tmp_path / "numbers.json"
+    assert main(estimate_words(method, run, output, *more, data=recording)) == 0
+    words = ["evaluate", str(output), recording, "--split", "test", "--json", str(numbers)]
+    assert main(words) == 0
+    assert numbers.stat().st_size > 0
+    assert len(read_results(output)) == 6

