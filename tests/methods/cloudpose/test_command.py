@@ -1,4 +1,4 @@
-"""`train cloudpose` and `estimate cloudpose`: what they share with `points_to_pose` is tested there."""
+"""`train cloudpose` and `estimate cloudpose`; what `points_to_pose` shares is tested there."""
 
 import pytest
 
