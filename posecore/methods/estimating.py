@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import torch
@@ -14,7 +15,7 @@ from torch import Tensor
 from tqdm.auto import tqdm
 
 from data_tools.bop import write_results
-from data_tools.views import Dataset
+from data_tools.views import Dataset, View
 from posecore.arrays import fail
 from posecore.methods.outputs import check_outputs, say_beside
 from posecore.methods.runs import Run
@@ -22,7 +23,15 @@ from posecore.methods.sources import new_parser, open_source
 from posecore.metrics.pose_table import PoseTable
 from posecore.training.machine import choose_device
 
-__all__ = ["Estimate", "Estimator", "add_parser", "estimate", "estimate_views"]
+__all__ = [
+    "Estimate",
+    "Estimator",
+    "PlainEstimate",
+    "add_parser",
+    "estimate",
+    "estimate_views",
+    "known_object",
+]
 
 
 class Estimate(Protocol):
@@ -40,8 +49,22 @@ class Estimate(Protocol):
     score: float
 
 
+class PlainEstimate(NamedTuple):
+    """An `Estimate` of a method that knows no more, and is as sure of one as of another."""
+
+    object_id: int
+    R: np.ndarray
+    t: np.ndarray
+    score: float = 1.0
+
+
 class Estimator(Protocol):
-    """A pose estimator, as `estimate` calls it."""
+    """A pose estimator, as `estimate` calls it.
+
+    One that takes something else than colours has a method `look(view)`, which gives the arguments
+    that `estimate` is called with, or refuses the view. What it does counts as reading: the seconds
+    of an image are those of `estimate`.
+    """
 
     def estimate(self, images: Tensor, K: np.ndarray) -> Sequence[Estimate]:
         """The poses in `images` (1, 3, H, W) RGB float32, 0 to 1, of the camera `K` (3, 3)."""
@@ -96,7 +119,8 @@ def estimate(
     """
     output = Path(options.output)
     folder = options.data.partition(":")[2]
-    check_outputs({"--output": options.output}, (options.run, folder, options.targets))
+    read = options.run, folder, options.targets, getattr(options, "clouds", None)
+    check_outputs({"--output": options.output}, read)
     run = read_run(options.run)
     dataset = _open(options, run)
     estimator = new_estimator(run, options, choose_device(options.device))
@@ -113,7 +137,7 @@ def estimate_views(
 
     Args:
         estimator: is given one image at a time.
-        dataset: of views with colour images.
+        dataset: of views with colour images, or with what the estimator's `look` takes.
         source: its name, for an error.
 
     Returns:
@@ -122,16 +146,42 @@ def estimate_views(
     Raises:
         ValueError: if a view has no colour image, or the estimator refuses one.
     """
+    look = getattr(estimator, "look", partial(_colours, source))
     rows, seconds = [], []
     for view in tqdm(dataset, desc="estimates", total=len(dataset), disable=None):
-        if view.rgb is None:
-            fail("--data", "data with colour images", f"{view} in {source}")
-        image = torch.from_numpy(view.rgb).permute(2, 0, 1)[None].float() / 255  # (1, 3, H, W)
+        seen = look(view)
         began = time.perf_counter()
-        found = estimator.estimate(image, view.K)
+        found = estimator.estimate(*seen)
         seconds.append(time.perf_counter() - began)
         rows += [(view.scene_id, view.image_id, seconds[-1], item) for item in found]
     return _table(rows), seconds
+
+
+def known_object(view: View, objects: Sequence[int]) -> int:
+    """Which object a view shows, for a method that tells none from another.
+
+    Args:
+        view: with labels or without.
+        objects: those that the method was trained on.
+
+    Returns:
+        The view's first object, in `headset` the glasses; without labels the one of the training.
+
+    Raises:
+        ValueError: if there are no labels, and there were several in the training.
+    """
+    if view.objects:
+        return view.objects[0].object_id
+    if len(objects) > 1:
+        fail("--data", f"data that say which of the objects {list(objects)} is seen", f"{view}")
+    return objects[0]
+
+
+def _colours(source: str, view: View) -> tuple[Tensor, np.ndarray]:
+    if view.rgb is None:
+        fail("--data", "data with colour images", f"{view} in {source}")
+    image = torch.from_numpy(view.rgb).permute(2, 0, 1)[None].float() / 255  # (1, 3, H, W)
+    return image, view.K
 
 
 def _open(options: argparse.Namespace, run: Run) -> Dataset:

@@ -20,11 +20,11 @@ from torch import nn
 
 from data_tools.bop.files import read_json
 from posecore import weights
-from posecore.arrays import fail, require_choice
+from posecore.arrays import fail, require_choice, require_integer
 from posecore.files import write_bytes
 from posecore.scale import SCALES
 
-__all__ = ["Run", "read_run", "resumed"]
+__all__ = ["NetRun", "Run", "read_net_run", "read_run", "resumed"]
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,44 @@ class Run:
                 fail(option, f"{begun} as {self.path} was begun with, or another --out", value)
 
 
+@dataclass(frozen=True)
+class NetRun(Run):
+    """A run of one network `net` for all objects.
+
+    Attributes:
+        kind: which of the method's networks, a name in `NETS`.
+        net: the keyword arguments of that network.
+        objects: those that it was trained on, ascending.
+    """
+
+    NETS: ClassVar[Mapping[str, Callable[..., nn.Module]]]
+
+    kind: str
+    net: Mapping[str, Any]
+    objects: list[int]
+
+    @property
+    def object_ids(self) -> list[int]:
+        """The objects that it was trained on."""
+        return self.objects
+
+    def new_net(self) -> nn.Module:
+        """The network, untrained."""
+        return self.NETS[self.kind](**self.net)
+
+    def load_net(self) -> nn.Module:
+        """The network, trained.
+
+        Raises:
+            ValueError: if it is not there, or damaged.
+        """
+        net = self.new_net()
+        self.load_weights("net", net)
+        return net
+
+
 SomeRun = TypeVar("SomeRun", bound=Run)
+SomeNetRun = TypeVar("SomeNetRun", bound=NetRun)
 
 
 def read_run(
@@ -142,6 +179,29 @@ def read_run(
         elif not isinstance(error, ValueError):  # whose words may say nothing by themselves
             words = f"{type(error).__name__}: {words}"
         raise ValueError(f"{file}: damaged: {words}") from error
+
+
+def read_net_run(path: str | Path, kind: type[SomeNetRun]) -> SomeNetRun:
+    """Read what `NetRun.write` wrote, of any method whose run it is.
+
+    Args:
+        path: of the folder.
+        kind: of run. It refuses numbers of its own that cannot be when it is made.
+
+    Raises:
+        ValueError: naming the file, if there is none, it is damaged, or of another method.
+    """
+
+    def make(path: Path, content: dict[str, Any]) -> SomeNetRun:
+        require_choice("kind", content["kind"], list(kind.NETS))
+        for number in content["objects"] or fail("objects", "one or more", content["objects"]):
+            require_integer("objects", number, 0)
+        names = {field.name for field in dataclasses.fields(kind)} - {"path"}
+        run = kind(path=path, **{name: content[name] for name in sorted(names)})
+        run.new_net()  # refuses sizes that cannot be
+        return run
+
+    return read_run(path, kind, make)
 
 
 def resumed(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from data_tools.batches import Stack, load
 from data_tools.linemod.folders import find_objects, lists_of
 from data_tools.storage.locks import claim
-from data_tools.views import Dataset, ModelSet
+from data_tools.views import ModelSet
 from posecore.arrays import fail, require_integer
 from posecore.command_line import lacks_memory
 from posecore.methods.notes import note
@@ -26,7 +26,15 @@ from posecore.scale import SCALES, scale
 from posecore.training import fit
 from posecore.training.machine import choose_device, launched
 
-__all__ = ["Data", "Job", "add_parser", "default_split", "integer_option", "open_data"]
+__all__ = [
+    "Data",
+    "Job",
+    "add_parser",
+    "chosen_objects",
+    "default_split",
+    "integer_option",
+    "open_data",
+]
 
 
 def add_parser(
@@ -194,7 +202,8 @@ def open_data(options: argparse.Namespace, job: Job, kinds: Mapping[str, str]) -
     if options.split is None:
         options.split = default_split(options.data)
     dataset = open_source(options.data, options.split, job.scale, show=job.first)
-    models, objects = dataset.models(), _objects(options, dataset)
+    models = dataset.models()
+    objects = chosen_objects(options, dataset.object_ids)
     if options.data.startswith("linemod:"):
         dataset = open_source(options.data, options.split, job.scale, object_id=objects)
         if len(objects) > 1 and job.first:
@@ -218,8 +227,13 @@ def default_split(source: str) -> str | None:
     return "train"
 
 
-def _objects(options: argparse.Namespace, dataset: Dataset) -> list[int]:
-    there = list(dataset.object_ids)
+def chosen_objects(options: argparse.Namespace, there: Sequence[int]) -> list[int]:
+    """Those of the data's objects that were asked for, ascending; all of them by default.
+
+    Raises:
+        ValueError: if the data have none, or not one that was asked for.
+    """
+    there = list(there)
     if not there:
         fail("--data", "data with known poses", options.data)
     missing = sorted(set(options.objects or there) - set(there))

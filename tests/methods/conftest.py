@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from data_tools.main import main as data_main
 from data_tools.views import Dataset, ObjectView, View
 
 K = np.array([[60.0, 0, 15.5], [0, 60, 11.5], [0, 0, 1]])
@@ -30,6 +31,15 @@ class Three(Dataset):
 
     def models(self):
         raise ValueError("there are no models")
+
+
+@pytest.fixture(scope="session")
+def recording(tmp_path_factory, shared_cache):
+    """Two instants of `headset` as a recording on disk."""
+    path = tmp_path_factory.mktemp("recordings") / "headset"
+    words = ["export", str(path), "--world", "headset", "--scale", "tiny", "--count", "2"]
+    assert data_main(words) == 0
+    return f"hmdpose:{path}"
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """The loop that estimates for every method, with an estimator made up."""
 
 import argparse
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,13 @@ import torch
 
 from data_tools.bop import read_results
 from posecore.methods import estimating
-from posecore.methods.estimating import add_parser, estimate, estimate_views
+from posecore.methods.estimating import (
+    PlainEstimate,
+    add_parser,
+    estimate,
+    estimate_views,
+    known_object,
+)
 
 
 class Found(NamedTuple):
@@ -140,3 +147,36 @@ def test_no_input_is_written_over(three, tmp_path, monkeypatch):
         with pytest.raises(ValueError, match="^--output: expected a file that the command does"):
             estimate(options, refuse, refuse)
         assert (folder / file).read_text() == "kept"
+
+
+class Brightness:
+    """An estimator that takes something else than colours: how bright the infrared image is."""
+
+    def look(self, view):
+        return view.ir.mean(), known_object(view, [4])
+
+    def estimate(self, bright, object_id):
+        return [PlainEstimate(object_id, np.eye(3), np.array([0, 0, bright]))]
+
+
+def test_an_estimator_that_looks_for_itself(three, clock):
+    three.kind = "ir"
+    table, seconds = estimate_views(Brightness(), three, "three")
+    assert seconds == [2, 2, 2] and table.t[:, 2].tolist() == [0, 10, 20]
+    assert table.object_id.tolist() == [4, 4, 4] and table.score.tolist() == [1, 1, 1]
+
+
+def test_which_object_a_view_shows(three):
+    view = three[0]
+    assert known_object(view, [7, 9]) == 4
+    bare = replace(view, objects=[])
+    assert known_object(bare, [7]) == 7
+    with pytest.raises(ValueError, match=r"^--data: expected data that say which .*\[7, 9\]"):
+        known_object(bare, [7, 9])
+
+
+def test_clouds_that_are_read_are_not_written_over(three, tmp_path):
+    options = parsed("--output", str(tmp_path / "clouds"))
+    options.clouds = options.output
+    with pytest.raises(ValueError, match="^--output: expected a file that the command does not"):
+        estimate(options, refuse, refuse)

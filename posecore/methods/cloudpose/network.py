@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from posecore.arrays import fail, require_number
-from posecore.nets.pointnet2 import shared_mlp
+from posecore.nets.pointnet2 import Geometry, shared_mlp
 from posecore.nets.rotation_heads import RotationHead
 
 __all__ = ["POINTS", "BaseNet", "CloudPose", "CloudPoseOutput", "cloudpose_loss"]
@@ -100,6 +100,15 @@ class CloudPose(nn.Module):
         mean = points.mean(1, keepdim=True)
         x = (points - mean) / self.unit
         return CloudPoseOutput(self.rotation(x), mean[:, 0] + self.unit * self.translation(x))
+
+    def geometry(self, points: Tensor) -> Geometry:
+        """What it has to know of clouds (B, N, 3), metres: the points, and nothing of levels."""
+        return Geometry(points, ())
+
+    def pose(self, geometry: Geometry) -> tuple[Tensor, Tensor]:
+        """R (B, 3, 3) and t (B, 3), metres, in the frame of the clouds."""
+        said = self(geometry.points)
+        return said.R, said.t
 
 
 def cloudpose_loss(

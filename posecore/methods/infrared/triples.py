@@ -111,8 +111,7 @@ class Triples:
 
     def brightness(self) -> tuple[float, float]:
         """Mean and standard deviation of the images, of 0 to 1."""
-        some = self.images[:: max(1, len(self) // 512)].float() / 255
-        return float(some.mean()), float(some.std().clamp(min=1e-3))
+        return brightness(self.images)
 
     def draw(
         self,
@@ -210,6 +209,12 @@ def _mirror(batch: dict[str, Tensor], flip: Tensor, width: int) -> None:
     K[flip, :, 0, 2] = width - 1 - K[flip, :, 0, 2]
     K[flip, :, 0, 1] *= -1
     batch["K"] = K
+
+
+def brightness(images: Tensor) -> tuple[float, float]:
+    """Mean and standard deviation, of 0 to 1, of images (V, ...) uint8, or of some of many."""
+    some = images[:: max(1, len(images) // 512)].float() / 255
+    return float(some.mean()), float(some.std().clamp(min=1e-3))
 
 
 def first_rows(data: Stack) -> Tensor:

@@ -27,6 +27,7 @@ from posecore.nets.pointnet2 import (
     PointNet2,
     PointNorm,
     Seeds,
+    build_geometry,
     shared_mlp,
 )
 from posecore.nets.rotation_heads import RotationHead
@@ -67,6 +68,16 @@ class _PoseNet(nn.Module):
     def decode(self, prediction: Prediction) -> Tensor:
         """(B, 3, 3) the rotations."""
         return self.head.decode(prediction.rotation)
+
+    def geometry(self, points: Tensor) -> Geometry:
+        """What it has to know of clouds (B, N, 3), metres, as `build_geometry` makes it."""
+        return build_geometry(points, self.backbone.layers, len(self.backbone.propagations))
+
+    def pose(self, geometry: Geometry) -> tuple[Tensor, Tensor]:
+        """R (B, 3, 3) and t (B, 3); where none is said, t is the cloud's origin."""
+        said = self(geometry)
+        R = self.decode(said)
+        return R, R.new_zeros(len(R), 3) if said.t is None else said.t
 
     def _of_seeds(self, seeds: Seeds) -> Tensor:
         """(B, S, known)."""

@@ -22,7 +22,7 @@ from posecore.cameras import depth_to_points
 from posecore.methods.infrared.clouds import CloudSet
 from posecore.methods.infrared.triples import first_rows
 
-__all__ = ["PoseClouds", "predicted_clouds", "visible_clouds"]
+__all__ = ["PoseClouds", "predicted_clouds", "visible_clouds", "visible_points"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,20 +113,41 @@ def visible_clouds(data: Stack, count: int, seed: int = 0) -> PoseClouds:
     for view in range(len(data)):
         instance = data.image("instance", view)
         depth = data.image("depth", view).astype(np.float32) * np.float32(data.depth_step)
-        depth[instance == NONE] = 0
-        seen = depth > 0
-        if not seen.any():
-            continue
-        # In the order of the pixels, as `depth_to_points` has them.
-        chosen = rng.choice(seen.sum(), count, replace=bool(seen.sum() < count))
-        views.append(view)
-        points.append(depth_to_points(depth, data.K[view].numpy())[chosen])
-        worn.append((instance[seen] == 0)[chosen])
+        found = visible_points(depth, instance != NONE, data.K[view].numpy(), count, rng)
+        if found is not None:
+            views.append(view)
+            points.append(found[0])
+            worn.append(instance[found[1]] == 0)
     if not views:
         fail("data", "a view in which something is seen", "none")
     which = torch.tensor(views)
     seen_by = torch.from_numpy(np.stack(points)).double()
     return _posed(data, which, seen_by, torch.from_numpy(np.stack(worn)))
+
+
+def visible_points(
+    depth: np.ndarray, mask: np.ndarray, K: np.ndarray, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]] | None:
+    """Points of what a camera sees, drawn at random.
+
+    Args:
+        depth: (H, W) float32 metres, 0 for none.
+        mask: (H, W) bool, of what they are to lie on.
+        K: (3, 3) in pixels.
+        count: N; where less is seen some are drawn again.
+        rng: of what is drawn.
+
+    Returns:
+        (N, 3) metres in the camera's frame, and the rows and columns of their pixels, (N,) each;
+        None, and nothing drawn, if nothing is seen.
+    """
+    depth = np.where(mask, depth, np.float32(0))
+    seen = np.nonzero(depth > 0)
+    if not len(seen[0]):
+        return None
+    # In the order of the pixels, as `depth_to_points` has them.
+    chosen = rng.choice(len(seen[0]), count, replace=len(seen[0]) < count)
+    return depth_to_points(depth, K)[chosen], (seen[0][chosen], seen[1][chosen])
 
 
 def predicted_clouds(data: Stack, clouds: CloudSet) -> PoseClouds:
