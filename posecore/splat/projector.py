@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from posecore.arrays import fail, require_integer, require_number
+from posecore.arrays import fail, require_integer, require_number, to_numbers
 from posecore.splat.volumes import Pictures, rendered
 
 __all__ = ["Pictures", "render", "to_voxels"]
@@ -61,6 +61,7 @@ def to_voxels(
     extent = require_number("extent", extent, above=0)
     if not isinstance(K, Tensor) or K.shape[-2:] != (3, 3):
         fail("K", "a tensor of shape (..., 3, 3)", _shown(K))
+    _require_numbers("depth", depth)
     K, z = K.to(points), points[..., 2]
     middle = torch.as_tensor(depth, dtype=z.dtype, device=z.device)
     for name, value, lead in (("K", K, K.shape[:-2]), ("depth", middle, middle.shape)):
@@ -104,7 +105,8 @@ def render(
     has none of its own.
 
     Args:
-        points: (..., N, 3) x, y, z in voxels, as of `to_voxels`. What is outside is not seen.
+        points: (..., N, 3) x, y, z in voxels, as of `to_voxels`, in float32 or float64. What is
+            outside is not seen.
         size: (W, H, D) of the grid.
         intensities: (..., N) of the points; None for no picture.
         scale: (...) or one number, 0 or more, of the occupancy of a cloud. A single point that is
@@ -121,6 +123,8 @@ def render(
     _require_points("points", points)
     size = _require_size("size", size, 3)
     sigma = require_number("sigma", sigma, 0, 1000)
+    if points.dtype in (torch.float16, torch.bfloat16):  # a full voxel's complement would be 0
+        fail("points", "torch.float32 or torch.float64", points.dtype)
     lead = points.shape[:-2]
     if intensities is not None and (
         not isinstance(intensities, Tensor) or intensities.shape != points.shape[:-1]
@@ -128,6 +132,9 @@ def render(
         fail("intensities", f"shape {tuple(points.shape[:-1])} or None", _shown(intensities))
     if intensities is not None and not bool(intensities.isfinite().all()):
         fail("intensities", "finite numbers", "others")
+    if intensities is not None and intensities.is_complex():
+        fail("intensities", "real numbers", intensities.dtype)
+    _require_numbers("scale", scale)
     scales = torch.as_tensor(scale, dtype=points.dtype, device=points.device)
     if scales.shape not in ((), lead):
         fail("scale", f"one number or shape {tuple(lead)}", _shown(scales))
@@ -211,6 +218,15 @@ def _require_points(name: str, points: Tensor) -> None:
         fail(name, "floating point numbers", points.dtype)
     if not bool(points.isfinite().all()):
         fail(name, "finite numbers", "others")
+
+
+def _require_numbers(name: str, value: object) -> None:
+    """Refuse what is neither a tensor of real numbers nor some of Python's own."""
+    if isinstance(value, Tensor):
+        if value.is_complex():
+            fail(name, "real numbers", value.dtype)
+    else:
+        to_numbers(name, value)
 
 
 def _fits(shape: torch.Size, lead: torch.Size) -> bool:

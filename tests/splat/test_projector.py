@@ -315,6 +315,10 @@ def test_what_are_no_points(points):
         ("scale", {"scale": float("inf")}),
         ("scale", {"scale": -0.01}),
         ("scale", {"scale": torch.tensor([0.5, torch.nan])}),
+        ("scale", {"scale": "one"}),
+        ("scale", {"scale": None}),
+        ("scale", {"scale": torch.tensor(1j)}),
+        ("intensities", {"intensities": torch.ones(2, 5, dtype=torch.complex64)}),
         ("sigma", {"sigma": -1}),
         ("sigma", {"sigma": float("nan")}),
         ("sigma", {"sigma": 1001}),
@@ -334,6 +338,9 @@ def test_what_cannot_be_rendered(name, options):
         (r"image\[0\]", {"image": (0, 42)}),
         ("size", {"size": (9, 7)}),
         ("depth", {"depth": torch.zeros(3)}),
+        ("depth", {"depth": "near"}),
+        ("depth", {"depth": None}),
+        ("depth", {"depth": torch.tensor(1j)}),
         ("extent", {"extent": 0}),
         ("extent", {"extent": float("inf")}),
     ],
@@ -342,6 +349,13 @@ def test_what_cannot_be_a_grid(name, options):
     usual = {"K": K, "image": IMAGE, "size": GRID, "depth": 0.8, "extent": 0.5}
     with pytest.raises(ValueError, match=f"^{name}: expected"):
         to_voxels(POINTS, **(usual | options))
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_no_points_of_half_precision(dtype):
+    """A full voxel would stop all light: gradients would be no numbers."""
+    with pytest.raises(ValueError, match="^points: expected torch.float32 or torch.float64, got"):
+        render(POINTS.to(dtype), SIZE)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="this needs a GPU")

@@ -26,6 +26,15 @@ from posecore.methods.infrared.triples import Triples
 __all__ = ["CloudSet", "made_from", "predict", "read_clouds"]
 
 ABOUT = "clouds"  # the entry of the metadata
+REST = {
+    "points": (None, 3), "intensities": (None,), "t": (3,), "T_world_cam": (4, 4)
+}  # fmt: skip
+"""Dimensions of a `CloudSet` behind V; None for N, and none of the others."""
+DTYPES = {
+    "points": torch.float16, "intensities": torch.float16, "t": torch.float32,
+    "scale": torch.float32, "T_world_cam": torch.float64,
+}  # fmt: skip
+"""Of a `CloudSet`; int64 of the others."""
 AT_ONCE = 256  # images that are predicted together
 
 
@@ -44,7 +53,7 @@ class CloudSet:
         made_from: digests of the networks' weights and of the images, by name.
 
     Raises:
-        ValueError: if they are not of the same number of views, or something is not finite.
+        ValueError: naming what has another shape or dtype, or is not finite.
     """
 
     points: Tensor
@@ -60,8 +69,17 @@ class CloudSet:
 
     def __post_init__(self) -> None:
         for name, tensor in self._tensors().items():
-            if len(tensor) != len(self.points):
-                fail(name, f"{len(self.points)} views", len(tensor))
+            if not isinstance(tensor, Tensor):
+                fail(name, "a tensor", type(tensor).__name__)
+        if self.points.ndim != 3:
+            fail("points", "shape (V, N, 3)", f"shape {tuple(self.points.shape)}")
+        views, count = self.points.shape[:2]
+        for name, tensor in self._tensors().items():
+            rest = [count if size is None else size for size in REST.get(name, ())]
+            if tensor.shape != (views, *rest):
+                fail(name, f"shape {(views, *rest)}", f"shape {tuple(tensor.shape)}")
+            if tensor.dtype != (dtype := DTYPES.get(name, torch.int64)):
+                fail(name, dtype, tensor.dtype)
             if not tensor.isfinite().all():
                 fail(name, "finite numbers", "others")
 
@@ -106,10 +124,12 @@ def read_clouds(path: str | Path) -> CloudSet:
         if about is None:
             raise ValueError("expected clouds, got another kind of file")
         about = json.loads(about)
+        if not isinstance(about, dict) or not isinstance(about.get("made_from"), dict):
+            raise ValueError("expected what clouds were made from, got something else")
         if weights.digest(tensors) != about["digest"]:
             raise ValueError("other numbers than were written")
         return CloudSet(**tensors, made_from=about["made_from"])
-    except (KeyError, ValueError, TypeError, safetensors.SafetensorError) as error:
+    except (KeyError, ValueError, TypeError, RecursionError, safetensors.SafetensorError) as error:
         words = " ".join(str(error).split())
         raise ValueError(f"{path}: damaged: {words:.200}") from error
 

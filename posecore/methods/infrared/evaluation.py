@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from posecore.arrays import fail, require_number
+from posecore.arrays import fail, require_finite, require_number
 from posecore.clouds import nearest_neighbours
 
 __all__ = ["first_met", "overlap", "surface_distances"]
@@ -24,12 +24,14 @@ def overlap(silhouettes: Tensor, masks: Tensor, threshold: float = 0.5) -> Tenso
         (...) 0 to 1; 1 where both are empty.
 
     Raises:
-        ValueError: if the leading dimensions differ, or masks are not boolean.
+        ValueError: if leading dimensions differ, masks are not boolean, or silhouettes not finite.
     """
     if silhouettes.shape[:-2] != masks.shape[:-2]:
         fail("masks", f"shape {tuple(silhouettes.shape[:-2])} and H, W", tuple(masks.shape))
     if masks.dtype != torch.bool:
         fail("masks", "booleans", masks.dtype)
+    if not bool(silhouettes.isfinite().all()):
+        fail("silhouettes", "finite numbers", "others")
     flat = silhouettes.reshape(-1, 1, *silhouettes.shape[-2:])
     if silhouettes.shape[-2:] != masks.shape[-2:]:
         flat = F.interpolate(flat, size=masks.shape[-2:], mode="bilinear", align_corners=False)
@@ -51,6 +53,7 @@ def first_met(voxels: Tensor, radius: float = 1.5, behind: float = 3.0) -> Tenso
     Returns:
         (..., N) bool.
     """
+    require_finite("voxels", voxels)
     across = torch.cdist(voxels[..., :2], voxels[..., :2])
     deeper = voxels[..., :, None, 2] - voxels[..., None, :, 2]
     return ~((across < radius) & (deeper > behind)).any(-1)

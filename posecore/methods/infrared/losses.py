@@ -129,6 +129,12 @@ class CloudLoss:
             pairs["intensity"] = pictures.intensity, batch["shades"]
         losses = {}
         for name, (seen, wanted) in pairs.items():
+            if wanted.shape != seen.shape:
+                fail(
+                    {"mask": "masks", "intensity": "shades"}[name],
+                    f"shape {tuple(seen.shape)}",
+                    f"shape {tuple(wanted.shape)}",
+                )
             squares = (seen - blur_masks(wanted, variance)).square().sum((-1, -2)).mean()
             pixels = wanted.shape[-1] * wanted.shape[-2] if self.by_resolution else 1
             losses[name] = squares / pixels

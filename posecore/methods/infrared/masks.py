@@ -5,11 +5,14 @@ Source: Firintepe et al., "From IR images to point clouds to pose", 2021, Sectio
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
-from posecore.arrays import fail, require_number, to_numbers
+from posecore.arrays import fail, require_integer, require_number, to_numbers
 from posecore.cameras import require_intrinsics
+from posecore.rotations import require_rotation
 
 __all__ = ["CUBOID", "CUBOID_CENTRE", "cuboid_mask", "li_threshold", "object_mask"]
 
@@ -49,11 +52,18 @@ def cuboid_mask(
     for name, value, shape in (("R", R, (3, 3)), ("t", t, (3,))):
         if value.shape != shape:
             fail(name, f"shape {shape}", f"shape {value.shape}")
+    require_rotation("R", R)
+    if not isinstance(size, tuple | list) or len(size) != 2:
+        fail("size", "a pair (width, height)", repr(size))
+    for side in size:
+        require_integer("size", side, 1)
     half, middle = to_numbers("sides", sides) / 2, to_numbers("centre", centre)
-    if half.shape != (3,) or not (half > 0).all():
-        fail("sides", "three lengths above 0", sides)
+    if half.shape != (3,) or not ((half > 0) & np.isfinite(half)).all():
+        fail("sides", "three finite lengths above 0", sides)
     if middle.shape != (3,):
         fail("centre", "shape (3,)", f"shape {middle.shape}")
+    if not np.isfinite(middle).all():
+        fail("centre", "finite numbers", middle.tolist())
     signs = np.stack(np.meshgrid(*[(-1, 1)] * 3, indexing="ij"), -1).reshape(8, 3)
     corners = (middle + signs * half) @ R.T + t
     if not np.isfinite(corners).all() or (corners[:, 2] < NEAR).any():
@@ -61,6 +71,8 @@ def cuboid_mask(
     pixels = corners @ camera.T
     pixels = (pixels[:, :2] / pixels[:, 2:]).astype(np.float32)
     outline = cv2.convexHull(pixels)[:, 0]  # in one direction all around
+    if len(outline) < 3:  # in float32 it is a line or a point, which has no inside
+        fail("t", "a cuboid with an outline in the image, neither a line nor a point", t.tolist())
     sides_x, sides_y = (np.roll(outline, -1, axis=0) - outline).T[:, :, None, None]
     x, y = np.arange(size[0]), np.arange(size[1])[:, None]
     start_x, start_y = outline.T[:, :, None, None]
@@ -93,6 +105,8 @@ def li_threshold(values: np.ndarray, *, tolerance: float | None = None) -> float
     flat = to_numbers("values", values).reshape(-1)
     if not flat.size or not np.isfinite(flat).all() or (flat < 0).any():
         fail("values", "finite numbers of at least 0, one or more", f"{flat.size} of them")
+    if not math.isfinite(float(flat.max()) * flat.size):
+        fail("values", "numbers whose sum is finite", f"{flat.size} up to {flat.max()}")
     levels, counts = np.unique(flat, return_counts=True)
     if len(levels) == 1:
         return float(levels[0])
@@ -141,6 +155,8 @@ def object_mask(
     values = to_numbers("image", image)
     if values.ndim != 2:
         fail("image", "shape (H, W)", f"shape {values.shape}")
+    if not (np.isfinite(values) & (values >= 0)).all():
+        fail("image", "finite numbers of at least 0", "others")
     region = np.ones(values.shape, bool)
     if sides is not None:
         region = cuboid_mask(K, R, t, values.shape[::-1], sides=sides, centre=centre)

@@ -9,9 +9,10 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from posecore.arrays import require_integer
+from posecore.arrays import require_choice, require_integer
 from posecore.methods import runs
 from posecore.methods.infrared.network import SIZES, CloudNet
+from posecore.scale import SCALES
 
 __all__ = ["InfraredRun", "read_run"]
 
@@ -97,6 +98,7 @@ def read_run(path: str | Path) -> InfraredRun:
 
 
 def _run(path: Path, content: dict[str, Any]) -> InfraredRun:
+    require_choice("scale", content["options"].get("scale"), SCALES)
     sizes = {name: content[name] for name in SIZES}
     scenes = [[require_integer("scenes", s, 0) for s in some] for some in content["scenes"]]
     if not scenes:

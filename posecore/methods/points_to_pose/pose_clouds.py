@@ -38,8 +38,7 @@ class PoseClouds:
         view: (V,) int64, in the dataset.
 
     Raises:
-        ValueError: if they are not of the same number of clouds, there are none, or points are not
-            finite.
+        ValueError: if there are none, or naming what has another shape or dtype, or is not finite.
     """
 
     points: Tensor
@@ -51,15 +50,24 @@ class PoseClouds:
     view: Tensor
 
     def __post_init__(self) -> None:
+        for name, values in self._tensors().items():
+            if not isinstance(values, Tensor):
+                fail(name, "a tensor", type(values).__name__)
         if self.points.ndim != 3 or self.points.shape[-1] != 3 or not self.points.numel():
             fail(
                 "points", "shape (V, N, 3), V and N at least 1", f"shape {tuple(self.points.shape)}"
             )
         for name, values in self._tensors().items():
-            if len(values) != len(self.points):
-                fail(name, f"{len(self.points)} clouds", len(values))
-        if not self.points.isfinite().all():
-            fail("points", "finite numbers", "others")
+            rest = {"points": self.points.shape[1:], "worn": self.points.shape[1:2]}
+            rest |= {"R": (3, 3), "t": (3,)}
+            shape = (len(self.points), *rest.get(name, ()))
+            if values.shape != shape:
+                fail(name, f"shape {shape}", f"shape {tuple(values.shape)}")
+            dtypes = {"worn": torch.bool, **dict.fromkeys(("points", "R", "t"), torch.float32)}
+            if values.dtype != (dtype := dtypes.get(name, torch.int64)):
+                fail(name, dtype, values.dtype)
+            if not values.isfinite().all():
+                fail(name, "finite numbers", "others")
 
     def __len__(self) -> int:
         """How many clouds."""
@@ -154,13 +162,15 @@ def predicted_clouds(data: Stack, clouds: CloudSet) -> PoseClouds:
     """What the cloud estimator made of the infrared images of the same data.
 
     Raises:
-        ValueError: if the clouds are of other views, or cameras are not calibrated.
+        ValueError: if the clouds are of other views or cameras, or cameras are not calibrated.
     """
     same = len(clouds) == len(data) and all(
         torch.equal(getattr(clouds, name), getattr(data, name)) for name in ("scene_id", "image_id")
     )
     if not same:
         fail("clouds", f"those of the {len(data)} views of the data", f"{len(clouds)} others")
+    if data.T_world_cam is not None and not torch.equal(clouds.T_world_cam, data.T_world_cam):
+        fail("clouds", "those of the cameras of the data", "some of other poses (T_world_cam)")
     seen = clouds.points.double() + clouds.t[:, None].double()
     return _posed(data, torch.arange(len(data)), seen, None)
 

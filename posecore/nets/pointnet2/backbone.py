@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from torch import Tensor, nn
 
-from posecore.arrays import fail
+from posecore.arrays import fail, require_finite
 from posecore.nets.pointnet2.geometry import LAYERS, Abstraction, Geometry, require_layers
 from posecore.nets.pointnet2.layers import FeaturePropagation, SetAbstraction
 
@@ -95,7 +95,8 @@ class PointNet2(nn.Module):
             features: (B, N, C) of the points, or None where C is 0.
 
         Raises:
-            ValueError: if the geometry is of other layers, or features have another shape.
+            ValueError: if the geometry is of other layers, or features have another shape or are
+                not finite.
         """
         *_, seeds = self.stages(geometry, features).values()
         return seeds
@@ -103,6 +104,8 @@ class PointNet2(nn.Module):
     def stages(self, geometry: Geometry, features: Tensor | None = None) -> dict[str, Seeds]:
         """What every layer gives, by name: SA1, SA2, ..., then FP1, ...: the rows of Table 2."""
         self._check(geometry)
+        if isinstance(features, Tensor):  # else they would stay in the norms' statistics
+            require_finite("features", features)
         points, known, stages = geometry.coordinates(), [features], {}
         for i, layer in enumerate(self.abstractions):
             known.append(layer(points[i], known[i], geometry.levels[i]))

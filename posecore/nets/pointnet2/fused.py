@@ -23,6 +23,8 @@ import torch
 from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 
+from posecore.arrays import fail
+
 __all__ = ["fused_maximum"]
 
 ROWS = 2048  # neighbours at once: what they become stays in the cache
@@ -60,7 +62,12 @@ def fused_maximum(
 
     Returns:
         (B, S, D) of the last layer.
+
+    Raises:
+        ValueError: in training for a single neighbour, which has no variance.
     """
+    if norms[0].training and balls.numel() < 2:
+        fail("balls", "more than one neighbour in all while training", balls.numel())
     first = torch.arange(0, table[..., 0].numel(), table.shape[1], device=balls.device)
     few = _few(balls.long() + first[:, None, None])
     parameters = [p for norm in norms for p in (norm.weight, norm.bias)]

@@ -13,6 +13,7 @@ NeurIPS 2017, Section 3.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from posecore.arrays import fail, require_integer, require_number, trusted
+from posecore.arrays import fail, require_finite, require_integer, require_number, trusted
 from posecore.clouds import (
     ball_query,
     farthest_point_sampling,
@@ -116,11 +117,12 @@ class Geometry:
             points: (B, N, 3) as many as there were.
 
         Raises:
-            ValueError: for another shape.
+            ValueError: for another shape, or what is not finite.
         """
         if points.shape != self.points.shape:
             expected = f"shape {tuple(self.points.shape)}"
             fail("points", expected, f"shape {tuple(points.shape)}")
+        require_finite("points", points)
         return replace(self, points=points)
 
     def turned(self, R: Tensor) -> Geometry:
@@ -130,10 +132,11 @@ class Geometry:
             R: (B, 3, 3) rotations, or one (3, 3) for all.
 
         Raises:
-            ValueError: for another shape.
+            ValueError: for another shape, or what is not finite.
         """
         if R.shape not in ((3, 3), (len(self), 3, 3)):
             fail("R", f"shape (3, 3) or ({len(self)}, 3, 3)", f"shape {tuple(R.shape)}")
+        require_finite("R", R)
         return replace(self, points=self.points @ R.to(self.points).mT)
 
     def tensors(self) -> dict[str, Tensor]:
@@ -154,9 +157,9 @@ class Geometry:
         """
 
         def parts(kind: type, word: str) -> tuple:
-            count = len({name for name in tensors if name.startswith(word) and "." in name})
+            numbers = [re.fullmatch(rf"{word}([0-9]+)\.\w+", name) for name in tensors]
             found = []
-            for i in range((count + 1) // 2):
+            for i in range(max((int(match[1]) + 1 for match in numbers if match), default=0)):
                 names = [f"{word}{i}.{field}" for field in kind._fields]
                 for name in names:
                     if name not in tensors:
@@ -215,6 +218,8 @@ def build_geometry(
     """
     layers = require_layers(layers)
     require_integer("propagations", propagations, 0, len(layers) - 1)
+    if not isinstance(points, Tensor) or not points.is_floating_point():
+        fail("points", "a tensor of floating point numbers", getattr(points, "dtype", points))
     if points.ndim != 3 or points.shape[-1] != 3 or points.shape[1] < layers[0].points:
         expected = f"shape (B, N, 3) with N of at least {layers[0].points}"
         fail("points", expected, f"shape {tuple(points.shape)}")

@@ -177,7 +177,7 @@ class SetAbstraction(nn.Module):
 
     def _fuses(self, points: Tensor) -> bool:
         """Whether the layers go a few balls at a time, as is faster on a processor."""
-        if not self.fused or self.early_max or points.device.type != "cpu":
+        if not self.fused or self.early_max or points.device.type != "cpu" or not len(points):
             return False
         return self.training or not torch.is_grad_enabled()
 

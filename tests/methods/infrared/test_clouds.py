@@ -76,7 +76,7 @@ def test_in_the_world():
 @pytest.mark.parametrize("name", ["t", "scale", "net", "group", "T_world_cam"])
 def test_other_numbers_of_views(name):
     kept = some()
-    with pytest.raises(ValueError, match=f"^{name}: expected 4 views, got 3"):
+    with pytest.raises(ValueError, match=rf"^{name}: expected shape \(4,.*got shape \(3,"):
         replace(kept, **{name: getattr(kept, name)[:3]})
 
 
@@ -87,6 +87,21 @@ def test_what_is_not_finite(name):
     value.flatten()[1] = torch.nan
     with pytest.raises(ValueError, match=f"^{name}: expected finite"):
         replace(kept, **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("points", torch.zeros(4, 5)), ("points", torch.zeros(4, 5, 2).half()),
+        ("points", torch.zeros(4, 5, 3)), ("intensities", torch.zeros(4, 6).half()),
+        ("t", torch.zeros(4)), ("scale", torch.zeros(4, 1)), ("net", torch.zeros(4)),
+        ("group", torch.tensor(4)), ("T_world_cam", torch.zeros(4, 3, 3).double()),
+        ("T_world_cam", torch.zeros(4, 4, 4)), ("image_id", [0, 1, 2, 3]), ("image_id", None),
+    ],
+)  # fmt: skip
+def test_other_shapes_and_types(name, value):
+    with pytest.raises(ValueError, match=f"^{name}: expected"):
+        replace(some(), **{name: value})
 
 
 def of_a_network(path):
@@ -111,12 +126,25 @@ def undigested(path):
     safetensors.torch.save_file(some()._tensors(), path, {clouds.ABOUT: '{"made_from": {}}'})
 
 
+def said(words):
+    """A whole file that says something else of what its clouds were made from."""
+
+    def damage(path):
+        kept = some()._tensors()
+        digest = clouds.weights.digest(kept)
+        about = words if isinstance(words, str) else json.dumps({"digest": digest, **words})
+        safetensors.torch.save_file(kept, path, {clouds.ABOUT: about})
+
+    return damage
+
+
 @pytest.mark.parametrize(
     "damage",
     [
         lambda path: path.write_bytes(path.read_bytes()[:-9]), lambda path: path.write_bytes(b""),
         lambda path: path.write_text("clouds"), turned, of_a_network, less,
-        undigested,
+        undigested, said({"made_from": None}), said({"made_from": [1]}), said("null"),
+        said("[" * 100_000),
     ],
 )  # fmt: skip
 def test_damaged_files_are_named(tmp_path, damage):

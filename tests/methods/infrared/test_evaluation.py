@@ -72,3 +72,11 @@ def test_distances_of_nothing():
         surface_distances(points, ~none, points[:0])
     with pytest.raises(ValueError, match="^visible"):
         surface_distances(points, none, points)
+
+
+def test_what_is_no_number_is_not_measured():
+    """It covers nothing and hides nothing, and would count as a score."""
+    with pytest.raises(ValueError, match="^silhouettes: expected finite"):
+        overlap(torch.full((2, 3, 4), torch.nan), torch.ones(2, 3, 4, dtype=torch.bool))
+    with pytest.raises(ValueError, match="^voxels: expected finite"):
+        first_met(torch.full((4, 3), torch.nan))

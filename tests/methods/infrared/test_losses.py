@@ -179,6 +179,14 @@ def test_from_one_end_to_the_other():
     assert [between((0.2, 1.0), done) for done in (0, 0.5, 1)] == pytest.approx([0.2, 0.6, 1.0])
 
 
+@pytest.mark.parametrize("name", ["masks", "shades"])
+def test_masks_of_other_views_are_refused(name):
+    """Those of one view would count for all."""
+    loss, net, batch, _ = example()
+    with pytest.raises(ValueError, match=rf"^{name}: expected shape \(1, 2, 2, 3\), got"):
+        loss(net, batch | {name: batch[name][:, :1]})
+
+
 def test_the_gradient_pulls_a_cloud_into_the_mask():
     """By its true projector: a cloud that lies beside the mask moves into it."""
     projector = Projector((16, 16), (16, 16, 16), 1.0)

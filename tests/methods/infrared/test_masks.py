@@ -141,6 +141,15 @@ def test_all_of_an_image_or_nothing():
         ("t", {"t": [0, 0.7]}),
         ("R", {"R": np.eye(4)}),
         ("K", {"K": np.zeros((3, 3))}),
+        ("R", {"R": 2 * np.eye(3)}),
+        ("R", {"R": np.full((3, 3), np.nan)}),
+        ("size", {"size": (80, 0)}),
+        ("size", {"size": (80.5, 47)}),
+        ("size", {"size": 80}),
+        ("t", {"t": [0, 0, 1e12]}),
+        ("t", {"sides": (1e-12, 1e-12, 1e-12)}),
+        ("sides", {"sides": (0.1, np.inf, 0.1)}),
+        ("centre", {"centre": (np.nan, 0, 0)}),
         ("sides", {"sides": (0.1, 0.1, 0)}),
         ("sides", {"sides": (0.1, 0.1)}),
         ("centre", {"centre": (0.1, 0.1)}),
@@ -195,3 +204,16 @@ def test_of_a_black_image_nothing_is_left():
 def test_what_is_no_image(image):
     with pytest.raises(ValueError, match=r"^image: expected shape \(H, W\)"):
         object_mask(image, K, np.eye(3), np.array([0, 0, 0.9]))
+
+
+@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
+def test_images_of_other_numbers(value):
+    image = np.ones(SIZE[::-1])
+    image[0, 0] = value
+    with pytest.raises(ValueError, match="^image: expected finite numbers of at least 0"):
+        object_mask(image, K, np.eye(3), np.array([0, 0, 0.9]))
+
+
+def test_a_sum_that_overflows():
+    with pytest.raises(ValueError, match="^values: expected numbers whose sum is finite"):
+        li_threshold(np.array([1.7e308, 1.7e308, 0]))

@@ -100,6 +100,8 @@ def test_networks_that_know_nothing_yet():
         ({"max_channels": 0}, "max_channels: expected"),
         ({"method": "vector_field"}, "method: expected infrared"),
         ({"options": {"scale": "huge"}}, "scale: expected"),
+        ({"options": {}}, "scale: expected"),
+        ({"options": {"scale": None}}, "scale: expected"),
         ({"hidden": None}, "hidden: expected"),
     ],
 )

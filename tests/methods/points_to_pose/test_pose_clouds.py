@@ -95,6 +95,9 @@ def test_predicted_clouds_are_where_they_were_predicted(data, seen):
     assert len(found) == len(data) and found.worn is None
     torch.testing.assert_close(found.points, clouds.in_world().float(), atol=1e-5, rtol=0)
     torch.testing.assert_close(found.R[seen.view], seen.R)
+    other = replace(clouds, T_world_cam=clouds.T_world_cam.flip(0))
+    with pytest.raises(ValueError, match="^clouds: expected those of the cameras"):
+        predicted_clouds(data, other)
     other = replace(clouds, image_id=clouds.image_id.flip(0))
     with pytest.raises(ValueError, match="^clouds: expected those of the"):
         predicted_clouds(data, other)
@@ -117,3 +120,17 @@ def test_numbers_that_do_not_fit(seen):
     with pytest.raises(ValueError, match="^points: expected shape"):
         PoseClouds(*(getattr(seen, n)[:, 0] if n == "points" else getattr(seen, n)
                      for n in seen.__dataclass_fields__))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("points", torch.Tensor.double), ("points", torch.Tensor.tolist),
+        ("worn", lambda worn: worn[:, 1:]), ("worn", torch.Tensor.float),
+        ("R", lambda R: R * torch.nan), ("R", lambda R: R[:, :2]), ("t", lambda t: t * torch.inf),
+        ("t", lambda t: t[:, 0]), ("scene_id", torch.Tensor.float), ("view", lambda v: v[0]),
+    ],
+)  # fmt: skip
+def test_other_shapes_types_and_values(seen, name, change):
+    with pytest.raises(ValueError, match=f"^{name}: expected"):
+        replace(seen, **{name: change(getattr(seen, name))})

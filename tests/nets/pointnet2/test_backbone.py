@@ -91,6 +91,20 @@ def test_all_forms_have_the_same_weights():
     assert names[0] == names[1] == names[2]
 
 
+@pytest.mark.parametrize("fused", [True, False])
+def test_no_clouds(fused):
+    found = geometry()
+    seeds = network(fused=fused)(found.select(torch.tensor([], dtype=torch.long)))
+    assert len(seeds.features) == len(seeds.points) == 0
+
+
+def test_features_that_are_no_numbers_do_not_reach_the_norms():
+    net = network(propagations=(), features=2)
+    with pytest.raises(ValueError, match="^features: expected finite"):
+        net(geometry(propagations=0), torch.full((2, 60, 2), torch.nan).double())
+    assert all(value.isfinite().all() for value in net.buffers())
+
+
 def test_what_cannot_be():
     net = network()
     with pytest.raises(ValueError, match="^geometry: expected levels of"):

@@ -60,7 +60,8 @@ def test_some_of_the_clouds_and_all_tensors_by_name():
     for name, value in some.to("cpu").tensors().items():
         assert torch.equal(value, alone.tensors()[name])
     named = found.tensors()
-    whole = Geometry.of({**named, "R": torch.eye(3)})
+    others = {"R": torch.eye(3), "levels.of": torch.zeros(1), "link.0": torch.zeros(1)}
+    whole = Geometry.of({**named, **others})
     assert whole.tensors().keys() == named.keys()
     assert all(whole.tensors()[name] is value for name, value in named.items())
     with pytest.raises(ValueError, match=r"^tensors: expected 'level1\.balls'"):
@@ -82,6 +83,12 @@ def test_numbers_that_cannot_be():
         geometry(power=0)
     with pytest.raises(ValueError, match="^points: expected shape"):
         geometry().at(cloud(points=59))
+    with pytest.raises(ValueError, match="^points: expected a tensor of floating"):
+        geometry(cloud().long())
+    with pytest.raises(ValueError, match="^points: expected finite"):
+        geometry().at(torch.full_like(cloud(), torch.nan))
+    with pytest.raises(ValueError, match="^R: expected finite"):
+        geometry().turned(torch.full((3, 3), torch.nan))
     with pytest.raises(ValueError, match=r"^R: expected shape \(3, 3\)"):
         geometry().turned(torch.eye(3)[None].expand(3, 3, 3))
     for layer, name in (
