@@ -66,7 +66,7 @@ def test_it_learns_a_dot(triples):
     """In a few dozen steps masks are met better, and places too."""
     recipe = replace(
         RECIPES["tiny"], image=SIZE, grid=(32, 24, 16), extent=0.5, points=60, width=4, blocks=3,
-        hidden=32, mirror=False, batch=6, steps=60,
+        hidden=32, mirror=False, looks=None, max_scale=1.0, batch=6, steps=60,
         loss=partial(CloudLoss, blur=(2.0, 0.6), keep=(0.5, 1.0)),
     )  # fmt: skip
     net = recipe.new_net(triples)
