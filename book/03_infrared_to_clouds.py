@@ -298,7 +298,7 @@ def splat(point, size):
     return volume
 
 
-point = np.array([1.3, 1.6, 0.25])
+point = [1.3, 1.6, 0.25]
 volume = splat(point, (4, 3, 3))
 assert np.isclose(volume.sum(), 1)
 splats.eight_corners(volume, point)
@@ -469,14 +469,14 @@ splats.pulled(stages, wanted[0, 1].numpy())
 # be more than full is cut.)
 
 # %%
+every = torch.from_numpy(np.stack(truths))
+for words, found in (("scale 1", grey), ("scale 4", white)):
+    print(f"{words}: overlap with the masks {overlap(found, every).mean():.2f}")
 views.silhouettes(
     {"mask": wanted[0].numpy(), "scale 1": grey.numpy(), "scale 4": white.numpy()},
     alt="Three masks of a head; the silhouettes of the heap with scale 1, grey inside; those with "
     "scale 4, as white as the masks.",
 )
-every = torch.from_numpy(np.stack(truths))
-for words, found in (("scale 1", grey), ("scale 4", white)):
-    print(f"{words}: overlap with the masks {overlap(found, every).mean():.2f}")
 
 # %%
 moved = heap.numpy() + item.t
