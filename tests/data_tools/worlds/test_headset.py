@@ -79,7 +79,7 @@ def test_the_crowd_is_of_many_drivers_a_few_instants_in_a_row():
 
 def test_the_crowd_is_drawn_as_the_others_are():
     views = draw(9, split="crowd", scale="tiny")
-    assert [view.scene_id for view in views] == [SUBJECTS["crowd"][1]] * 3
+    assert [view.scene_id for view in views] == [SUBJECTS["crowd"][2]] * 3
     assert [view.image_id for view in views] == [27, 28, 29]
     assert all(item.object_id == 2 for item in (view.objects[0] for view in views))
     for view in views:
