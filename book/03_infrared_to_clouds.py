@@ -437,6 +437,7 @@ def in_the_grid(heap):
     return voxels[0, 1, :, :2]  # (clouds, cameras, points, x y z)
 
 
+# %%
 def pull(scale, rounds):
     """A heap after gradient descent, its silhouettes, how it was on the way, and its loss."""
     start = 0.05 * torch.randn(1, count, 3, generator=torch.Generator().manual_seed(1))
@@ -570,6 +571,8 @@ batch = {
     "t": t, "own": poses[1][None], "K": Ks[None], "T_world_cam": poses[None],
     "masks": wanted, "shades": shades, "done": torch.tensor(1.0),
 }  # fmt: skip
+
+# %%
 cloud = net(batch["images"])
 pictures = project(
     cloud.points, t, poses[1][None], Ks[None], poses[None],

@@ -92,8 +92,7 @@ class Picture(Figure):
         places = [(axes, axes.get_position(original=True)) for axes in self.axes]
         buffer = io.BytesIO()
         try:
-            # Read again at once, so squeezing it would be in vain.
-            self.savefig(buffer, format="png", dpi=dpi, pil_kwargs={"compress_level": 0})
+            self.savefig(buffer, format="png", dpi=dpi)
         finally:
             for axes, place in places:
                 axes._set_position(place)

@@ -113,7 +113,13 @@ def turning(stages: Mapping[str, np.ndarray], most: int = 6) -> Picture:
         ahead = np.cos(angle) * points[:, 2] - np.sin(angle) * points[:, 0]
         order = np.argsort(-ahead)  # what is near is drawn last
         axes.scatter(
-            100 * across[order], 100 * points[order, 1], c=-ahead[order], s=5, cmap="viridis"
+            100 * across[order],
+            100 * points[order, 1],
+            c=-ahead[order],
+            s=5,
+            cmap="viridis",
+            vmin=-0.1,
+            vmax=0.1,
         )
         axes.set(xlim=(-20, 20), ylim=(20, -20), aspect="equal", title=title)
     return figure
