@@ -15,6 +15,7 @@ import torch
 from book.tools.contents import Page
 from book.tools.measuring import declared, import_experiments
 from data_tools.storage.locks import file_lock
+from data_tools.worlds.redrawn import Redrawn
 from data_tools.worlds.world import WorldDataset
 from posecore.fingerprint import HOME, PACKAGES
 
@@ -85,15 +86,20 @@ def afresh(page: Page) -> Iterator[None]:
 
 @contextmanager
 def opening(patch: pytest.MonkeyPatch) -> Iterator[set[str]]:
-    """The datasets that are opened."""
+    """The datasets that are opened, or some of whose instants are drawn in other light."""
     found: set[str] = set()
-    init = WorldDataset.__init__
+    init, redraw = WorldDataset.__init__, Redrawn.__init__
 
     def noting(self: WorldDataset, world: object, split: str, *more: object, **options: object):
         init(self, world, split, *more, **options)
         found.add(f"{self.world.name}/{split}")
 
+    def drawing(self: Redrawn, indices: object, **conditions: object):
+        redraw(self, indices, **conditions)
+        found.add(f"headset/{conditions['split']}")
+
     patch.setattr(WorldDataset, "__init__", noting)
+    patch.setattr(Redrawn, "__init__", drawing)
     yield found
 
 
