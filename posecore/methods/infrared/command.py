@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from data_tools.batches import Stack
-from posecore.arrays import fail
 from posecore.methods import training
 from posecore.methods.infrared.clouds import CloudSet, made_from, predict, read_clouds
 from posecore.methods.infrared.recipe import RECIPES
@@ -38,6 +38,9 @@ def add_train(methods: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     command.add_argument("--batch", type=int, help="instants in a step; default: by the scale")
     command.add_argument("--masks", choices=MASKS, help="default: by the scale")
     command.add_argument(
+        "--small", action="store_true", help="the sizes and steps that chapter 3 compares"
+    )
+    command.add_argument(
         "--folds", type=int, help="train so many networks, each without the scenes of its fold"
     )
 
@@ -64,10 +67,8 @@ def write_clouds(options: argparse.Namespace) -> None:
     run = read_run(options.run)
     nets = run.load_nets()
     scale = run.options["scale"]
-    recipe = RECIPES[scale]
+    recipe = replace(RECIPES[scale], image=run.image)
     data, triples = open_triples(options.data, options.split, scale, recipe, True, _no_mask)
-    if triples.images.shape[:2:-1] != run.image:
-        fail("--data", f"images that are reduced to {run.image}", triples.images.shape[:2:-1])
     origin = made_from(nets, triples)
     if output.is_file() and _holds(output, origin):
         say_beside(f"{output}: {len(data)} clouds, there already", (options.output,))

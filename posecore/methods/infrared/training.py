@@ -15,7 +15,7 @@ from torch import Tensor
 from data_tools.batches import Stack, load
 from posecore.arrays import fail, require_integer
 from posecore.methods.infrared.network import SIZES
-from posecore.methods.infrared.recipe import RECIPES, Recipe
+from posecore.methods.infrared.recipe import RECIPES, SMALL, Recipe
 from posecore.methods.infrared.runs import InfraredRun, read_run
 from posecore.methods.infrared.triples import Triples
 from posecore.methods.runs import resumed
@@ -45,7 +45,8 @@ def train(options: argparse.Namespace) -> None:
     data, triples = open_triples(options.data, options.split, job.scale, recipe, job.first)
     asked = {
         "data": options.data, "split": options.split, "scale": job.scale, "steps": recipe.steps,
-        "batch": recipe.batch, "masks": recipe.masks, "folds": folds, "seed": options.seed,
+        "batch": recipe.batch, "masks": recipe.masks, "folds": folds, "small": options.small,
+        "seed": options.seed,
     }  # fmt: skip
     scenes = data.scene_id[triples.views[:, 0]]
     run = resumed(job.path, asked, read_run)
@@ -110,6 +111,7 @@ def folds_of(scenes: Tensor, folds: int) -> list[list[int]]:
 
 def _asked(recipe: Recipe, options: argparse.Namespace) -> Recipe:
     """The recipe with the numbers that were asked for."""
+    recipe = replace(recipe, **SMALL) if options.small else recipe
     changes: Mapping[str, Any] = {
         "steps": integer_option("--steps", options.steps, recipe.steps, 1),
         "batch": integer_option("--batch", options.batch, recipe.batch, 1),

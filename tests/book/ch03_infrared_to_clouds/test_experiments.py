@@ -12,6 +12,14 @@ from book.ch03_infrared_to_clouds import experiments, light, looking, threshold_
 from book.ch03_infrared_to_clouds.drawing import splats
 from data_tools.worlds.redrawn import Redrawn
 from posecore.methods.infrared.losses import CloudLoss
+from posecore.methods.infrared.recipe import RECIPES, SMALL
+
+
+def test_the_command_line_knows_the_sizes_that_are_compared(monkeypatch):
+    monkeypatch.setenv("POSECORE_SCALE", "book")
+    expected, found = training.compared(), replace(RECIPES["book"], **SMALL)
+    assert replace(found, loss=expected.loss) == expected
+    assert found.loss.keywords == expected.loss.keywords
 
 
 def test_each_run_differs_from_the_first_in_what_it_says(monkeypatch):

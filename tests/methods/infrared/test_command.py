@@ -118,3 +118,14 @@ def test_a_split_has_to_be_named(run, tmp_path, capsys):
     words = clouds_words(run, tmp_path / "c")
     del words[words.index("--split") : words.index("--split") + 2]
     refused(capsys, words, "--split: expected")
+
+
+def test_small_networks_and_their_clouds(tmp_path, capsys):
+    out, path = tmp_path / "run", tmp_path / "clouds.safetensors"
+    assert main(train_words(out, "--small", "--steps", "1")) == 0
+    run = read_run(out)
+    assert (run.image, run.points, run.blocks) == ((80, 47), 512, 5)
+    capsys.readouterr()
+    assert main(clouds_words(out, path)) == 0
+    assert "48 clouds of 512 points" in capsys.readouterr().out
+    assert len(read_clouds(path)) == 48

@@ -86,7 +86,7 @@ def test_a_run_holds_all_that_its_networks_need(run):
     found = read_run(run)
     assert found.options == {
         "data": "headset", "split": "test", "scale": "tiny", "steps": 4, "batch": 2,
-        "masks": "exact", "folds": 2, "seed": 0,
+        "masks": "exact", "folds": 2, "small": False, "seed": 0,
     }  # fmt: skip
     assert found.scenes == [[13, 15], [12, 14]]
     tiny = RECIPES["tiny"]
@@ -167,7 +167,7 @@ def test_bad_options(tmp_path, capsys, monkeypatch, options, message):
 @pytest.mark.parametrize(
     "options",
     [["--steps", "5"], ["--batch", "3"], ["--masks", "threshold"], ["--folds", "3"],
-     ["--seed", "1"]],
+     ["--seed", "1"], ["--small"]],
 )  # fmt: skip
 def test_another_runs_options_are_named(run, capsys, options):
     before = contents(run, ("run.json", *WEIGHTS))
