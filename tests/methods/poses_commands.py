@@ -30,15 +30,6 @@ def estimated(method, run, output, *more):
     return read_results(output)
 
 
-def refused(capsys, words, message):
-    capsys.readouterr()
-    assert main(words) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert len(err.splitlines()) == 1 and err.startswith("error: "), err
-    assert message in err
-
-
 def check_rows(table):
     """One pose of the glasses for each view, in the frame of its camera: near where they are.
 

@@ -9,10 +9,10 @@ from tests.methods.poses_commands import (
     check_rows,
     estimate_words,
     estimated,
-    refused,
     train_words,
     trained,
 )
+from tests.methods.refusing import refused
 
 METHOD = "cloudpose"
 

@@ -1,7 +1,5 @@
 """The words of `train infrared` and `clouds infrared`, and what they leave behind."""
 
-from posecore.methods.main import main
-
 WEIGHTS = ("net0.safetensors", "net1.safetensors")
 TRAINING = ["--split", "test", "--scale", "tiny", "--steps", "4", "--batch", "2", "--folds", "2"]
 
@@ -17,12 +15,3 @@ def clouds_words(run, output, *more, data="headset"):
 
 def contents(run, names=("run.json", *WEIGHTS)):
     return {name: (run / name).read_bytes() for name in names}
-
-
-def refused(capsys, words, message):
-    capsys.readouterr()
-    assert main(words) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert len(err.splitlines()) == 1 and err.startswith("error: "), err
-    assert message in err

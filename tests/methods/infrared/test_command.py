@@ -12,7 +12,8 @@ from posecore.methods.infrared import command
 from posecore.methods.infrared.clouds import read_clouds
 from posecore.methods.infrared.runs import read_run
 from posecore.methods.main import main
-from tests.methods.infrared.commands import clouds_words, refused, train_words
+from tests.methods.infrared.commands import clouds_words, train_words
+from tests.methods.refusing import refused
 
 pytestmark = pytest.mark.slow
 

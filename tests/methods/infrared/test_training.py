@@ -16,8 +16,9 @@ from posecore.methods.infrared.runs import read_run
 from posecore.methods.infrared.training import folds_of
 from posecore.methods.main import main
 from posecore.training import fit
-from tests.methods.infrared.commands import WEIGHTS, contents, refused, train_words
+from tests.methods.infrared.commands import WEIGHTS, contents, train_words
 from tests.methods.infrared.dots import SIZE, cameras
+from tests.methods.refusing import refused
 
 
 @pytest.mark.parametrize(

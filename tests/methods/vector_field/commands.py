@@ -1,7 +1,5 @@
 """The words of `train vector_field` and `estimate vector_field`, and what they leave behind."""
 
-from posecore.methods.main import main
-
 WEIGHTS = ("net.safetensors", "refiner.safetensors")
 TRAINING = ["--objects", "1", "3", "--steps", "12", "--refiner-steps", "6"]
 
@@ -17,12 +15,3 @@ def estimate_words(run, source, output, *more):
 
 def contents(run, names=("run.json", *WEIGHTS)):
     return {name: (run / name).read_bytes() for name in names}
-
-
-def refused(capsys, words, message):
-    capsys.readouterr()
-    assert main(words) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert len(err.splitlines()) == 1 and err.startswith("error: "), err
-    assert message in err

@@ -14,7 +14,8 @@ from data_tools.bop import read_results
 from posecore.methods.main import main
 from posecore.methods.vector_field.estimating import ReducedImages
 from posecore.methods.vector_field.systems import STAGES, Estimate, VectorFieldSystem
-from tests.methods.vector_field.commands import estimate_words, refused
+from tests.methods.refusing import refused
+from tests.methods.vector_field.commands import estimate_words
 
 pytestmark = pytest.mark.slow
 

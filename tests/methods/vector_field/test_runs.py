@@ -13,7 +13,8 @@ import torch
 import data_tools
 from posecore.methods.vector_field.network import VectorFieldNet
 from posecore.methods.vector_field.runs import read_run
-from tests.methods.vector_field.commands import WEIGHTS, estimate_words, refused
+from tests.methods.refusing import refused
+from tests.methods.vector_field.commands import WEIGHTS, estimate_words
 
 pytestmark = pytest.mark.slow
 

@@ -26,11 +26,11 @@ from posecore.nets.resnet import ResNet
 from posecore.training import fit
 from posecore.training.loop import ADAM
 from tests.launched import two_launched
+from tests.methods.refusing import refused
 from tests.methods.vector_field.commands import (
     WEIGHTS,
     contents,
     estimate_words,
-    refused,
     train_words,
 )
 
