@@ -4,18 +4,45 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
+import torch
 from torch import Tensor, nn
 
 from data_tools.batches import Batches
 from posecore.arrays import fail
 from posecore.methods.runs import NetRun, read_net_run, resumed
 from posecore.methods.training import Job, default_split, integer_option
+from posecore.training.loop import ADAM
 
-__all__ = ["NetRecipe", "add_net_options", "train_net"]
+__all__ = ["FitNumbers", "NetRecipe", "add_net_options", "train_net"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitNumbers:
+    """What a recipe for `train_net` says of its training.
+
+    Attributes:
+        batch: samples in a step.
+        steps, optimiser, lr, schedule, clip: as for `fit`.
+    """
+
+    batch: int
+    steps: int
+    optimiser: Callable[..., torch.optim.Optimizer] = ADAM
+    lr: float = 1e-3
+    schedule: str | Callable[[float], float] = "cosine"
+    clip: float | None = None
+
+    @property
+    def fit(self) -> dict[str, Any]:
+        """What `posecore.training.fit` is told."""
+        return {
+            "lr": self.lr, "schedule": self.schedule, "optimiser": self.optimiser,
+            "clip": self.clip,
+        }  # fmt: skip
 
 
 class NetRecipe(Protocol):

@@ -15,11 +15,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import torch
 from torch import Tensor, nn
 
 from data_tools.batches import Batches
 from posecore.arrays import require_choice
+from posecore.methods.net_training import FitNumbers
 from posecore.methods.points_to_pose.centred_clouds import CentredClouds
 from posecore.methods.points_to_pose.losses import PoseLoss
 from posecore.methods.points_to_pose.network import PointsToPose, PointsToRotation
@@ -27,7 +27,6 @@ from posecore.methods.points_to_pose.pose_clouds import PoseClouds
 from posecore.methods.points_to_pose.voting import fused_keypoints
 from posecore.nets.pointnet2 import LAYERS, PROPAGATIONS, Abstraction, Geometry, build_geometry
 from posecore.randomness import seeded
-from posecore.training.loop import ADAM
 from posecore.training.muon import Muon
 
 __all__ = ["NETS", "RECIPES", "CloudRecipe", "KeypointLoss", "Recipe"]
@@ -37,7 +36,7 @@ NETS: Mapping[str, Callable[..., nn.Module]] = {"p2p": PointsToPose, "p2r": Poin
 
 
 @dataclass(frozen=True, kw_only=True)
-class CloudRecipe:
+class CloudRecipe(FitNumbers):
     """What the recipes of all methods on clouds have in common.
 
     Attributes:
@@ -49,12 +48,6 @@ class CloudRecipe:
 
     points: int
     turn: float = 0.0
-    batch: int
-    steps: int
-    optimiser: Callable[..., torch.optim.Optimizer] = ADAM
-    lr: float = 1e-3
-    schedule: str | Callable[[float], float] = "cosine"
-    clip: float | None = None
 
     def batches(
         self,
@@ -69,14 +62,6 @@ class CloudRecipe:
             clouds.draw, None, batch or self.batch, steps=steps or self.steps, seed=seed,
             turn=self.turn,
         )  # fmt: skip
-
-    @property
-    def fit(self) -> dict[str, Any]:
-        """What `posecore.training.fit` is told."""
-        return {
-            "lr": self.lr, "schedule": self.schedule, "optimiser": self.optimiser,
-            "clip": self.clip,
-        }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

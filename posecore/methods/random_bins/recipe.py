@@ -13,16 +13,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import torch
 from torch import Tensor, nn
 
 from data_tools.batches import Batches, Stack
 from posecore.arrays import require_choice
+from posecore.methods.net_training import FitNumbers
 from posecore.methods.random_bins.losses import bins_loss, regression_loss
 from posecore.methods.random_bins.network import PictureRegression, RandomBins
 from posecore.methods.random_bins.pictures import Pictures
 from posecore.randomness import seeded
-from posecore.training.loop import ADAM
 from posecore.training.muon import Muon
 
 __all__ = ["NETS", "RECIPES", "PictureLoss", "Recipe"]
@@ -49,7 +48,7 @@ class PictureLoss:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recipe:
+class Recipe(FitNumbers):
     """The numbers of a scale, and what is made of them.
 
     Attributes:
@@ -71,12 +70,6 @@ class Recipe:
     trunk: str = "bottleneck"
     width: int = 64
     blocks: tuple[int, ...] = (3, 4, 6, 3)
-    batch: int
-    steps: int
-    optimiser: Callable[..., torch.optim.Optimizer] = ADAM
-    lr: float = 1e-3
-    schedule: str | Callable[[float], float] = "cosine"
-    clip: float | None = None
 
     def __post_init__(self) -> None:
         require_choice("kind", self.kind, list(NETS))
@@ -126,14 +119,6 @@ class Recipe:
     def new_loss(self) -> PictureLoss:
         """The loss of a step."""
         return PictureLoss(self.kind)
-
-    @property
-    def fit(self) -> dict[str, Any]:
-        """What `posecore.training.fit` is told."""
-        return {
-            "lr": self.lr, "schedule": self.schedule, "optimiser": self.optimiser,
-            "clip": self.clip,
-        }  # fmt: skip
 
 
 SMALL = {"trunk": "basic", "optimiser": Muon, "lr": 4e-3, "clip": 1.0}
