@@ -45,6 +45,7 @@ from data_tools.worlds.headset_scenes import (
     infrared_picture,
     visible_picture,
     worn,
+    worn_scaled,
 )
 from data_tools.worlds.world import Recipe, Size, World, WorldModels, generator
 from posecore.arrays import fail, require_choice, require_integer, require_number, to_numbers
@@ -66,6 +67,7 @@ CAMERAS = ("left", "centre", "right")  # as they lie in the image of the centre 
 HEAD = 5  # the object id of the head
 
 DEPTH_STEP = 1e-4  # metres
+GLASSES_SCALES = (0.7, 1.4)  # smaller ones would be within the head, larger ones beside it
 # Where the lens of each camera is in the car, and where it looks.
 _EYES = ((-0.36, 0.03, -0.68), (0.0, 0.09, -0.76), (0.36, 0.03, -0.68))
 _TARGET = (0.0, 0.01, 0.02)
@@ -145,11 +147,12 @@ def draw(
     gain: float = 1.0,
     lamp: float = 1.0,
     light: str = "infrared",
+    glasses_scale: float = 1.0,
 ) -> list[View]:
-    """The three views of an instant of the world, drawn again in other light.
+    """The three views of an instant of the world, drawn again in other light or with other glasses.
 
-    Driver, poses, labels, and the random numbers of the noise are those of the record; as it is by
-    default, the pictures are, too, bit for bit.
+    Driver, poses, and the random numbers of the noise are those of the record; as it is by default,
+    pictures and labels are, too, bit for bit.
 
     Args:
         index: of the instant, from 0 on: views 3 * index to 3 * index + 2 of the split.
@@ -160,6 +163,8 @@ def draw(
         lamp: factor on the power of the infrared lamps, at least 0.
         light: "infrared"; or "visible" for `rgb` in the place of `ir`: colour cameras without
             lamps, whose exposure is the same by day and by night.
+        glasses_scale: of the glasses, from 0.7 to 1.4 times as large, about the origin of their
+            frame. The four that there are are alike in width (17 to 19 cm).
 
     Raises:
         ValueError: naming the argument that does not fit this description.
@@ -172,10 +177,14 @@ def draw(
     require_choice("light", light, ("infrared", "visible"))
     if light == "visible" and lamp != 1:
         fail("lamp", "1, as infrared lamps are no visible light", lamp)
+    require_number("glasses_scale", glasses_scale, *GLASSES_SCALES)
     rng = generator(recipe, index)
     instant = draw_instant(rng, split, index)
     if daylight is not None:
         instant = replace(instant, daylight=require_number("daylight", daylight, 0, 1))
+    if glasses_scale != 1:
+        other = worn_scaled(instant.glasses, float(glasses_scale))
+        instant = replace(instant, objects=(other, *instant.objects[1:]))
     size = recipe["width"], recipe["height"]
     if light == "infrared":
         images = [

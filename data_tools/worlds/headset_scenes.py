@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,7 @@ __all__ = [
     "visible_picture",
     "who_wears_what",
     "worn",
+    "worn_scaled",
 ]
 
 SUBJECTS = {
@@ -245,6 +246,13 @@ def infrared_lights(T_world_cam: np.ndarray, daylight: float, lamp: float = 1.0)
 def worn(glasses: int) -> PreparedMesh:
     """Glasses, from 0 on."""
     return prepare(make_glasses(GLASSES[glasses]))
+
+
+@functools.lru_cache(maxsize=8)
+def worn_scaled(glasses: int, factor: float) -> PreparedMesh:
+    """Glasses, from 0 on, that are `factor` times as large about the origin of their frame."""
+    mesh = make_glasses(GLASSES[glasses])
+    return prepare(replace(mesh, vertices=factor * mesh.vertices))
 
 
 @functools.lru_cache(maxsize=16)

@@ -1,4 +1,4 @@
-"""Instants of the `headset` world in other light, as a dataset.
+"""Instants of the `headset` world in other light, or with other glasses, as a dataset.
 
 night = Redrawn(range(20), split="test", daylight=0.0, light="visible")
 data = data_tools.batches.load(night)
@@ -7,10 +7,13 @@ data = data_tools.batches.load(night)
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
+from data_tools.shapes.mesh import Mesh
 from data_tools.views import Dataset, View
 from data_tools.worlds.headset import CAMERAS, WORLD, draw
+from data_tools.worlds.headset_scenes import worn_scaled
 from data_tools.worlds.world import WorldModels
 from posecore.arrays import require_integer
 
@@ -18,7 +21,7 @@ __all__ = ["Redrawn"]
 
 
 class Redrawn(Dataset):
-    """Instants of the world drawn again in other light, such as for `data_tools.batches.load`.
+    """Instants of the world drawn again by `draw`, such as for `data_tools.batches.load`.
 
     A view is drawn when it is asked for, in about the time that making it took.
 
@@ -51,4 +54,11 @@ class Redrawn(Dataset):
 
     def models(self) -> WorldModels:
         """The glasses' meshes and what is known of their shape."""
-        return WORLD.models
+        scale = float(self.conditions.get("glasses_scale", 1.0))
+        if scale == 1:
+            return WORLD.models
+        return WorldModels({number: partial(_scaled, number, scale) for number in WORLD.models.ids})
+
+
+def _scaled(number: int, scale: float) -> Mesh:
+    return worn_scaled(number - 1, scale).mesh

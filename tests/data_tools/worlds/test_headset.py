@@ -231,6 +231,21 @@ def test_other_light_changes_the_pictures_and_nothing_else(triples):
     assert all(view.ir is None and view.rgb.shape == (47, 80, 3) for view in visible)
 
 
+def test_glasses_of_another_size_are_worn_by_the_same_driver(triples):
+    own, options = triples[4], {"split": "train", "scale": "tiny"}
+    small, large = (draw(4, **options, glasses_scale=scale) for scale in (0.7, 1.4))
+    for view, less, more in zip(own, small, large, strict=True):
+        assert np.allclose(less.objects[0].size, 0.7 * view.objects[0].size)
+        assert np.allclose(more.objects[0].size, 1.4 * view.objects[0].size)
+        assert np.array_equal(less.objects[0].R, view.objects[0].R)
+        assert np.array_equal(less.objects[0].t, view.objects[0].t)
+        areas = [found.objects[0].full_mask.sum() for found in (less, view, more)]
+        assert areas == sorted(areas) and areas[2] > 1.5 * areas[0]
+        heads = [found.objects[1].full_mask for found in (less, view, more)]
+        assert np.array_equal(heads[0], heads[1]) and np.array_equal(heads[1], heads[2])
+    assert differences(own, draw(4, **options, glasses_scale=1.0)) == set()
+
+
 def test_gain_and_lamp_make_faces_brighter():
     def face(**conditions):
         view = draw(2, split="train", scale="tiny", daylight=0.0, **conditions)[1]
@@ -299,6 +314,8 @@ BARE = View(K=np.eye(3), scene_id=0, image_id=0, T_world_cam=np.eye(4))
         (lambda view: draw(0, split="train", gain=float("inf")), "gain"),
         (lambda view: draw(0, split="train", lamp=-1), "lamp"),
         (lambda view: draw(0, split="train", light="ultraviolet"), "light"),
+        (lambda view: draw(0, split="train", glasses_scale=0.69), "glasses_scale"),
+        (lambda view: draw(0, split="train", glasses_scale=float("nan")), "glasses_scale"),
         (lambda view: draw(0, split="train", light="visible", lamp=0.5), "lamp"),
     ],
 )

@@ -23,6 +23,15 @@ def test_views_are_those_that_draw_gives():
     assert dataset.models() is WORLD.models
 
 
+def test_models_are_as_large_as_what_is_worn():
+    dataset = Redrawn([5], split="test", scale="tiny", glasses_scale=0.8)
+    worn = dataset[0].objects[0]
+    assert dataset.models().ids == WORLD.models.ids
+    mesh = dataset.models().mesh(worn.object_id)
+    assert np.allclose(mesh.size, worn.size)
+    assert np.allclose(mesh.size, 0.8 * WORLD.models.mesh(worn.object_id).size)
+
+
 @pytest.mark.parametrize(("light", "kind"), [("infrared", "ir"), ("visible", "rgb")])
 def test_batches_take_them(light, kind):
     dataset = Redrawn(range(2), **NIGHT, light=light)
