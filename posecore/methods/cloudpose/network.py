@@ -49,7 +49,7 @@ class BaseNet(nn.Module):
 
     def forward(self, points: Tensor) -> Tensor:
         """(B, N, 3) to (B, 3); the order of the points does not matter."""
-        return self.last(self.whole(self.each(points).amax(1)))
+        return self.last(self.whole(self.each(points).max(1).values))
 
 
 class CloudPoseOutput(NamedTuple):

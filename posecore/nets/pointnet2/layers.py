@@ -33,9 +33,11 @@ class PointNorm(nn.BatchNorm1d):
 
     def forward(self, x: Tensor) -> Tensor:
         """(..., C) to (..., C)."""
-        rows = x.reshape(-1, x.shape[-1])
+        if x.ndim != 2:
+            return self(x.reshape(-1, x.shape[-1])).view(x.shape)
+        rows = x
         if not self.training or len(rows) < _MANY or x.device.type != "cpu":
-            return super().forward(rows).view(x.shape)
+            return super().forward(rows)
         # PyTorch's own norm adds up one row after the other: of a hundred thousand in float32 the
         # fourth digit is lost.
         found, mean, variance = _Norm.apply(rows, self.weight, self.bias, self.eps)
@@ -43,7 +45,7 @@ class PointNorm(nn.BatchNorm1d):
         unbiased = variance * (len(rows) / (len(rows) - 1))
         self.running_mean.lerp_(mean.to(self.running_mean), self.momentum)
         self.running_var.lerp_(unbiased.to(self.running_var), self.momentum)
-        return found.view(x.shape)
+        return found
 
 
 class _Norm(torch.autograd.Function):
@@ -70,7 +72,17 @@ class _Norm(torch.autograd.Function):
         return (gradient - pull).mul_(weight * scale), slope, total, None
 
 
-def shared_mlp(*sizes: int) -> nn.Sequential:
+class SharedMLP(nn.Sequential):
+    """Layers that act on the last dimension of (..., C) alone, the same for every point."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(..., C) to (..., C')."""
+        # As rows: what works in place on a view of another shape is copied in the backward pass.
+        rows = super().forward(x.reshape(-1, x.shape[-1]))
+        return rows.view(*x.shape[:-1], rows.shape[-1])
+
+
+def shared_mlp(*sizes: int) -> SharedMLP:
     """Linear layers without bias, each with `PointNorm` and ReLU: the same for every point.
 
     Args:
@@ -89,7 +101,7 @@ def shared_mlp(*sizes: int) -> nn.Sequential:
         # as the numbers in it.
         linear = nn.Linear(inputs, outputs, bias=False)
         layers += [linear, PointNorm(outputs), nn.ReLU(inplace=True)]
-    return nn.Sequential(*layers)
+    return SharedMLP(*layers)
 
 
 class SetAbstraction(nn.Module):
