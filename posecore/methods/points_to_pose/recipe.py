@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from torch import Tensor, nn
@@ -151,9 +152,10 @@ class Recipe(CloudRecipe):
         return KeypointLoss(self.loss(), fused_keypoints(self.keypoints - 1))
 
 
+# A tenth of a metre counts as one in its losses, so that places weigh about as much as quaternions.
 SMALL = {
     "widths": (128, 128), "hidden": (128, 128), "dense": 256, "turn": 30.0, "optimiser": Muon,
-    "lr": 4e-3, "clip": 1.0,
+    "lr": 4e-3, "clip": 1.0, "loss": partial(PoseLoss, unit=0.1),
 }  # fmt: skip
 RECIPES = {
     "tiny": Recipe(

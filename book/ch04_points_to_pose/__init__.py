@@ -1,0 +1,1 @@
+"""Chapter 4: from a cloud of points to a pose."""
