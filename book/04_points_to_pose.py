@@ -113,6 +113,7 @@ print("This page runs at scale:", scale())
 points, of_glasses = seen_points(driver, 256)
 centre = points.mean(0)
 points, t = points - centre, t - centre
+surface = cloud - centre  # all 2000 at the same place, for the pictures
 
 assert points.mean(0).abs().max() < 1e-5
 
@@ -187,13 +188,14 @@ assert torch.equal(centres, clouds.farthest_point_sampling(points, 32))
 
 # %%
 drawn = torch.randperm(256, generator=torch.Generator().manual_seed(2))[:32]
-sets.centres(points, {"32 drawn at random": drawn, "32 by farthest point sampling": centres})
+choices = {"32 drawn at random": drawn, "32 by farthest point sampling": centres}
+sets.centres(points, choices, surface)
 
 # %% [markdown]
-# Drawn at random, some centres lie side by side and parts of the head have none. FPS leaves no hole.
-# Three of its habits matter later. It begins with the *first* point, so the order of points has a
-# say again, if a small one. Its centres come in an order of their own, the spread-out ones first.
-# And it loves outliers: a lost point is farther than all others.
+# Drawn at random, some centres lie side by side and parts of the head have none. FPS leaves no
+# large hole. Three of its habits matter later. It begins with the *first* point, so the order of
+# points has a say again, if a small one. Its centres come in an order of their own, the spread-out
+# ones first. And it loves outliers: a lost point is farther than all others.
 #
 # <details><summary>One stray point lies two metres behind the head. Which centre does it become?</summary>
 #
@@ -229,7 +231,7 @@ sets.balls(
     points,
     {title: sets.Ball(int(centres[i]), *found[i])
      for title, i in (("the fullest ball", full), ("the emptiest", short))},
-    radius,
+    radius, surface,
 )  # fmt: skip
 
 # %% [markdown]
@@ -284,10 +286,21 @@ def set_abstraction(points, features, centres, balls, h, radius):
 
 
 # %%
+def with_statistics(net, geometry):
+    """A network whose norms know this cloud's means, as training would teach them those of many."""
+    for norm in net.modules():
+        if isinstance(norm, pointnet2.PointNorm):
+            norm.momentum = 1.0  # all from the next cloud, nothing from before
+    with torch.no_grad():
+        net.train()(geometry)
+    return net.eval()
+
+
+# %%
 layers, propagations = RECIPES["book"].layers, RECIPES["book"].propagations
 geometry = pointnet2.build_geometry(points[None], layers, len(propagations))
 torch.manual_seed(0)
-net = pointnet2.PointNet2(layers, propagations).eval()
+net = with_statistics(pointnet2.PointNet2(layers, propagations), geometry)
 places, known = points, None
 with torch.no_grad():
     stages = net.stages(geometry)
@@ -297,7 +310,7 @@ with torch.no_grad():
         places = places[chosen]
         print(f"SA{i + 1}: {len(places)} centres, radius {100 * layer.radius:g} cm, "
               f"{layer.neighbours} neighbours, features {tuple(known.shape)}")  # fmt: skip
-        assert torch.allclose(known, stages[f"SA{i + 1}"].features[0], atol=1e-5)
+        assert torch.allclose(known, stages[f"SA{i + 1}"].features[0], atol=1e-4)
 
 # %% [markdown]
 # That is **PointNet++** (Qi et al., 2017): abstractions on top of each other. The centres of one
@@ -334,12 +347,13 @@ def receptive_fields(geometry):
 fields = receptive_fields(geometry)
 seeds = {f"SA{i + 1}, radius {100 * layer.radius:g} cm": (points[0], field[0])
          for i, (layer, field) in enumerate(zip(layers, fields, strict=True))}  # fmt: skip
-sets.seen_by(points, seeds)
+sets.seen_by(points, seeds, surface)
 
 # %% [markdown]
-# (The first centre of every level is the first point, so all three stars are one seed.) It is an
-# upper bound: what counts is who has the maximum somewhere. The gradient says so. It is zero for
-# all points outside the field, and for many inside.
+# (The first centre of every level is the first point, so all three stars are one seed. The faint
+# dots are the whole surface.) The field grows faster than the radius: a seed of SA3 knows of points
+# at the other end of the head. It is an upper bound, as only who has the maximum somewhere counts.
+# The gradient tells: it is zero for all points outside the field, and for some inside.
 
 # %%
 moved = geometry.at(points[None].clone().requires_grad_())
@@ -350,9 +364,9 @@ assert not (felt & ~fields[2][0]).any()
 print(f"in the field: {int(fields[2][0].sum())} of 256 points; with a gradient: {int(felt.sum())}")
 
 # %% [markdown]
-# The paper has 2000 points and four levels. Its last ball has a radius of one *metre*, "incorporates
-# all points", it says. In reach, yes. But how many neighbours a ball keeps is not in the paper; with
-# the usual numbers, 64, 32, 16 and 16, what does a seed of SA4 depend on?
+# The paper has 2000 points and four levels. The last ball, of one *metre*, "incorporates all points",
+# it says. In reach, yes. But a ball keeps only some. How many is not in the paper; with the usual
+# numbers, 64, 32, 16 and 16, what does a seed of SA4 depend on?
 
 # %%
 dense = cloud - cloud.mean(0)
@@ -362,12 +376,12 @@ for i, field in enumerate(receptive_fields(fine)):
     print(f"SA{i + 1}: {shares.mean():5.1%} of the cloud in the mean over its centres")
 
 # %% [markdown]
-# <details><summary>SA4's ball holds all 256 centres of SA3 and keeps 16: the first by index. Why is
-# that less bad than it sounds?</summary>
+# <details><summary>SA4's ball holds all 256 centres of SA3 and keeps 16, the first by index. How can
+# a seed depend on (nearly) the whole cloud?</summary>
 #
 # SA3's centres are in the order of farthest point sampling, so the first 16 are spread over the
-# whole head. But they are the same 16 in every ball: all 128 seeds of SA4 see the same points, only
-# each from its own place.
+# whole head, and each knows of half of it. But they are the same 16 in every ball: all 128 seeds
+# of SA4 look at the same, each from its own place.
 #
 # </details>
 #
@@ -401,7 +415,7 @@ lent = torch.stack([
 with torch.no_grad():
     brought = net.propagations[0].mlp(torch.cat([lent, own], -1))
 
-assert torch.allclose(brought, stages["FP1"].features[0], atol=1e-5)
+assert torch.allclose(brought, stages["FP1"].features[0], atol=1e-4)
 print("lent", tuple(lent.shape), "own", tuple(own.shape), "together", tuple(brought.shape))
 
 # %% [markdown]
@@ -412,7 +426,7 @@ print("lent", tuple(lent.shape), "own", tuple(own.shape), "together", tuple(brou
 TABLE_2 = {"SA1": (1024, 128), "SA2": (512, 256), "SA3": (256, 256), "SA4": (128, 256),
            "FP1": (256, 256), "FP2": (512, 256)}  # fmt: skip
 torch.manual_seed(0)
-p2r = PointsToRotation().eval()  # its backbone is the paper's
+p2r = with_statistics(PointsToRotation(), fine)  # its backbone is the paper's
 with torch.no_grad():
     stages = p2r.backbone.stages(fine)
 for (name, stage), sizes in zip(stages.items(), TABLE_2.values(), strict=True):
@@ -446,8 +460,7 @@ with torch.no_grad():
     q = p2r.dense(row)
     print("seeds", tuple(seeds.features.shape), "convolutions", tuple(four.shape),
           "in a row", tuple(row.shape), "dense", tuple(q.shape))  # fmt: skip
-    assert torch.allclose(q, p2r(fine).rotation, atol=1e-6)
-    assert torch.allclose(p2r.decode(p2r(fine)), rotations.quaternion_to_matrix(q / q.norm()))
+    assert torch.allclose(q, p2r(fine).rotation, atol=1e-5)
 
 # %% [markdown]
 # In a *row*? Section 1 warned of that. Dense layers know seeds by their number, so their order
@@ -611,7 +624,8 @@ figures.chart(curves, x=100 * shares, xlabel="seeds that are wrong, %",
 
 # %%
 torch.manual_seed(0)
-p2p = PointsToPose(9, layers, propagations, **{"widths": (128, 128), "hidden": (128, 128)}).eval()
+p2p = PointsToPose(9, layers, propagations, widths=(128, 128), hidden=(128, 128))
+p2p = with_statistics(p2p, geometry)
 with torch.no_grad():
     seeds = p2p.backbone(geometry)
     offsets = p2p.unit * p2p.voting(seeds.features).unflatten(-1, (9, 3))
@@ -621,7 +635,7 @@ with torch.no_grad():
     prediction = p2p(geometry)
 
 for mine, library in zip((rotation, translation, said), prediction, strict=False):
-    assert torch.allclose(mine, library, atol=1e-6)
+    assert torch.allclose(mine, library, atol=1e-5)
 print("offsets", tuple(offsets.shape), "row", tuple(row.shape), "rotation", tuple(rotation.shape))
 
 # %% [markdown]

@@ -17,8 +17,10 @@ from posecore.figures.style import COLOURS, HALO, INK, house_style, new_picture,
 __all__ = ["Ball", "balls", "centres", "from_the_front", "lent", "seen_by", "shuffles"]
 
 CENTIMETRES = 100.0
-PALE = "0.72"
+PALE = "0.5"
 """Points that are there and not spoken of."""
+FAINT = "0.87"
+"""The surface that they are of."""
 
 Points = np.ndarray | Tensor
 
@@ -60,7 +62,7 @@ def shuffles(outputs: Mapping[str, Points]) -> Picture:
             axes, {f"number {k + 1}": column for k, column in enumerate(values.T)},
             x=np.arange(1, len(values) + 1), markers=True, title=title,
             xlabel="order of the points (each drawn anew)", ylabel="what comes out",
-            legend=None if axes is not panels[0] else "best",
+            legend="lower right" if axes is panels[-1] else None,
         )  # fmt: skip
     return figure
 
@@ -70,18 +72,19 @@ def from_the_front(axes: Axes, points: Points, **look: object) -> None:
     points = to_floats("points", points, "N", 3)
     axes.scatter(*(CENTIMETRES * points[:, :2]).T, **{"linewidths": 0, **look})
     axes.set(xlabel="x, cm", ylabel="y, cm")
-    axes.set_aspect("equal")
+    axes.set_aspect("equal", adjustable="datalim")
     if not axes.yaxis_inverted():
         axes.invert_yaxis()
 
 
 @house_style
-def centres(cloud: Points, choices: Mapping[str, Points]) -> Picture:
+def centres(cloud: Points, choices: Mapping[str, Points], surface: Points) -> Picture:
     """Centres that were chosen from a cloud in several ways, and the largest hole they leave.
 
     Args:
         cloud: (N, 3) metres.
         choices: title -> (M,) indices of centres.
+        surface: (M, 3) metres, many more points of the same, drawn faintly.
     """
     cloud = to_floats("cloud", cloud, "N", 3)
     holes = {title: _hole(cloud, cloud[np.asarray(chosen)]) for title, chosen in choices.items()}
@@ -91,8 +94,9 @@ def centres(cloud: Points, choices: Mapping[str, Points]) -> Picture:
         "A head from the front with its centres as dots. How far the worst point is from its "
         f"nearest centre: {said}.",
     )  # fmt: skip
-    panels = figure.subplots(1, len(choices), sharex=True, sharey=True, squeeze=False)[0]
+    panels = figure.subplots(1, len(choices), squeeze=False)[0]
     for axes, (title, chosen) in zip(panels, choices.items(), strict=True):
+        from_the_front(axes, surface, s=3, color=FAINT)
         from_the_front(axes, cloud, s=5, color=PALE)
         from_the_front(axes, cloud[np.asarray(chosen)], s=34, color=COLOURS[0])
         worst, far = holes[title]
@@ -109,13 +113,14 @@ def _hole(cloud: np.ndarray, chosen: np.ndarray) -> tuple[int, float]:
 
 
 @house_style
-def balls(cloud: Points, drawn: Mapping[str, Ball], radius: float) -> Picture:
+def balls(cloud: Points, drawn: Mapping[str, Ball], radius: float, surface: Points) -> Picture:
     """Balls of a cloud from the front: what is in them, and what of it is looked at.
 
     Args:
         cloud: (N, 3) metres.
         drawn: title -> a ball.
         radius: of all, metres.
+        surface: (M, 3) metres, many more points of the same, drawn faintly.
     """
     cloud = to_floats("cloud", cloud, "N", 3)
     counts = {title: (len(b.inside), len(np.unique(b.kept))) for title, b in drawn.items()}
@@ -125,10 +130,11 @@ def balls(cloud: Points, drawn: Mapping[str, Ball], radius: float) -> Picture:
         f"A head from the front, with balls of {CENTIMETRES * radius:g} cm about some centres. "
         f"{said}.",
     )  # fmt: skip
-    panels = figure.subplots(1, len(drawn), sharex=True, sharey=True, squeeze=False)[0]
+    panels = figure.subplots(1, len(drawn), squeeze=False)[0]
     for axes, (title, ball) in zip(panels, drawn.items(), strict=True):
         kept = np.unique(np.asarray(ball.kept))
         dropped = np.setdiff1d(np.asarray(ball.inside), kept)
+        from_the_front(axes, surface, s=3, color=FAINT)
         from_the_front(axes, cloud, s=6, color=PALE)
         if len(dropped):
             from_the_front(axes, cloud[dropped], s=26, facecolors="white", edgecolors=COLOURS[1],
@@ -153,12 +159,15 @@ def _all_labels(panels: np.ndarray) -> tuple[list, list]:
 
 
 @house_style
-def seen_by(cloud: Points, seeds: Mapping[str, tuple[Points, Points]]) -> Picture:
+def seen_by(
+    cloud: Points, seeds: Mapping[str, tuple[Points, Points]], surface: Points
+) -> Picture:
     """What points of a cloud the features of some seeds depend on, from the front.
 
     Args:
         cloud: (N, 3) metres.
         seeds: title -> where the seed is (3,), and which points it knows of, (N,) bool.
+        surface: (M, 3) metres, many more points of the same, drawn faintly.
     """
     cloud = to_floats("cloud", cloud, "N", 3)
     shares = {title: float(np.mean(np.asarray(mask))) for title, (_, mask) in seeds.items()}
@@ -168,9 +177,10 @@ def seen_by(cloud: Points, seeds: Mapping[str, tuple[Points, Points]]) -> Pictur
         "A head from the front; coloured are the points that one seed depends on, a larger part "
         f"at every level. {said}.",
     )  # fmt: skip
-    panels = figure.subplots(1, len(seeds), sharex=True, sharey=True, squeeze=False)[0]
+    panels = figure.subplots(1, len(seeds), squeeze=False)[0]
     for axes, (title, (place, mask)) in zip(panels, seeds.items(), strict=True):
         mask = np.asarray(mask, bool)
+        from_the_front(axes, surface, s=3, color=FAINT)
         from_the_front(axes, cloud, s=6, color=PALE)
         if mask.any():
             from_the_front(axes, cloud[mask], s=20, color=COLOURS[0])
