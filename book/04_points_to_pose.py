@@ -26,7 +26,7 @@ from posecore.methods.points_to_pose.network import PointsToPose, PointsToRotati
 from posecore.methods.points_to_pose.pose_clouds import visible_points
 from posecore.methods.points_to_pose.recipe import RECIPES
 from posecore.nets import pointnet2
-from posecore.scale import choose, scale
+from posecore.scale import scale
 
 # %%
 few = data_tools.open("headset", split="test", whole=False)  # makes only what is looked at
@@ -110,10 +110,10 @@ print("This page runs at scale:", scale())
 # points are enough.
 
 # %%
-points, of_glasses = seen_points(driver, 256)
+points, _ = seen_points(driver, 256)
 centre = points.mean(0)
 points, t = points - centre, t - centre
-surface = cloud - centre  # all 2000 at the same place, for the pictures
+surface = sets.Surface((cloud - centre)[~worn], (cloud - centre)[worn])  # for the pictures
 
 assert points.mean(0).abs().max() < 1e-5
 
@@ -124,6 +124,7 @@ assert points.mean(0).abs().max() < 1e-5
 # in every channel (**max pooling**), and goes on from there with $g$:
 #
 # $$ \text{answer} = g\left(\max_j h(x_j)\right). $$
+
 
 # %%
 def small_net(*sizes):
@@ -150,7 +151,8 @@ sets.shuffles({"all points in a row": in_a_row, "max over points": pooled})
 # channel only one point counts, the one with the largest value; a set of such points, which decide
 # everything, is called the *critical* points.
 #
-# <details><summary>The sum over points does not ask for their order either. Why a maximum?</summary>
+# <details><summary>The sum over points does not ask for their order either. Why a
+# maximum?</summary>
 #
 # Either will do. But when a surface is seen with twice as many points, a sum doubles. A mean does
 # not; it moves when one part of the head gets more points than before. A maximum asks *whether*
@@ -197,7 +199,8 @@ sets.centres(points, choices, surface)
 # points has a say again, if a small one. Its centres come in an order of their own, the spread-out
 # ones first. And it loves outliers: a lost point is farther than all others.
 #
-# <details><summary>One stray point lies two metres behind the head. Which centre does it become?</summary>
+# <details><summary>One stray point lies two metres behind the head. Which centre does it
+# become?</summary>
 #
 # The second one, unless it is the first: nothing is farther. One centre of 32 is no tragedy. Ten
 # stray points are.
@@ -353,7 +356,9 @@ sets.seen_by(points, seeds, surface)
 # (The first centre of every level is the first point, so all three stars are one seed. The faint
 # dots are the whole surface.) The field grows faster than the radius: a seed of SA3 knows of points
 # at the other end of the head. It is an upper bound, as only who has the maximum somewhere counts.
-# The gradient tells: it is zero for all points outside the field, and for some inside.
+# The gradient tells: it is zero for all points outside the field, and for some inside. (Points
+# close to the star may be left out, and far ones not: a ball keeps its first points, not its
+# nearest.)
 
 # %%
 moved = geometry.at(points[None].clone().requires_grad_())
@@ -364,9 +369,9 @@ assert not (felt & ~fields[2][0]).any()
 print(f"in the field: {int(fields[2][0].sum())} of 256 points; with a gradient: {int(felt.sum())}")
 
 # %% [markdown]
-# The paper has 2000 points and four levels. The last ball, of one *metre*, "incorporates all points",
-# it says. In reach, yes. But a ball keeps only some. How many is not in the paper; with the usual
-# numbers, 64, 32, 16 and 16, what does a seed of SA4 depend on?
+# The paper has 2000 points and four levels. The last ball, of one *metre*, "incorporates all
+# points", it says. In reach, yes. But a ball keeps only some. How many is not in the paper; with
+# the usual numbers, 64, 32, 16 and 16, what does a seed of SA4 depend on?
 
 # %%
 dense = cloud - cloud.mean(0)
@@ -376,8 +381,8 @@ for i, field in enumerate(receptive_fields(fine)):
     print(f"SA{i + 1}: {shares.mean():5.1%} of the cloud in the mean over its centres")
 
 # %% [markdown]
-# <details><summary>SA4's ball holds all 256 centres of SA3 and keeps 16, the first by index. How can
-# a seed depend on (nearly) the whole cloud?</summary>
+# <details><summary>SA4's ball holds all 256 centres of SA3 and keeps 16, the first by index. How
+# can a seed depend on (nearly) the whole cloud?</summary>
 #
 # SA3's centres are in the order of farthest point sampling, so the first 16 are spread over the
 # whole head, and each knows of half of it. But they are the same 16 in every ball: all 128 seeds
@@ -403,8 +408,8 @@ def three_nearest(point, coarse):
 
 levels = [level[0] for level in geometry.coordinates()]  # the cloud, then SA1, SA2, SA3
 fine_points, coarse_points = levels[-2], levels[-1]
-near, shares = three_nearest(fine_points[20], coarse_points)
-sets.lent(fine_points[20], coarse_points, near, shares)
+near, shares = three_nearest(fine_points[-1], coarse_points)
+sets.lent(fine_points[-1], coarse_points, near, shares, surface)
 
 # %%
 own, coarse = stages["SA2"].features[0], stages["SA3"].features[0]
@@ -495,8 +500,8 @@ print(f"negative among the {four.numel()} numbers: {(four < 0).float().mean():.0
 #
 # <details><summary>P2R says no translation. Where does one come from?</summary>
 #
-# In the paper from chapter 3's network, which predicts where the cloud is. With true points there is
-# no such prediction, so ours may say one besides (`translation=True`).
+# In the paper from chapter 3's network, which predicts where the cloud is. With true points there
+# is no such prediction, so ours may say one besides (`translation=True`).
 #
 # </details>
 #
@@ -523,8 +528,8 @@ votes.keypoints({name: mesh.vertices for name, mesh in meshes.items()}, keypoint
 # vote, which points *to* a place that has no point of the cloud. (How many keypoints there are is
 # not in the paper.)
 #
-# Our network is not trained yet. So let us pretend: seeds that know the truth, but for an error of a
-# tenth of the distance, and one in five of them thinks that the head is turned by 60 degrees.
+# Our network is not trained yet. So let us pretend: seeds that know the truth, but for an error of
+# a tenth of the distance, and one in five of them thinks that the head is turned by 60 degrees.
 
 # %%
 places = levels[-2]  # (32, 3) our seeds, relative to the cloud's mean
@@ -535,21 +540,21 @@ turn = rotations.axis_angle_to_matrix(torch.tensor([0.0, np.pi / 3, 0.0]))
 def pretended_votes(noise, astray, seed=0):
     """(S, K, 3) metres, as a network's `Prediction.votes` has them for a cloud."""
     generator = torch.Generator().manual_seed(seed)
-    far = (true - places[:, None]).norm(dim=-1, keepdim=True)
-    said = true + noise * far * torch.randn(len(places), 9, 3, generator=generator)
-    wrong = torch.rand(len(places), generator=generator) < astray
-    said[wrong] = keypoints @ (turn @ R).T + t
-    return said
+    wrong = torch.rand(len(places), 1, 1, generator=generator) < astray
+    aim = torch.where(wrong, keypoints @ (turn @ R).T + t, true)
+    far = (aim - places[:, None]).norm(dim=-1, keepdim=True)
+    return aim + noise * far * torch.randn(len(places), 9, 3, generator=generator)
 
 
 # %%
 v = pretended_votes(0.1, 0.2)
-votes.vote_arrows(points, places, v, true, which=(0, 7))
+votes.vote_arrows(points, places, v, true, which=[7])
 
 # %% [markdown]
-# Most arrows meet near the keypoint, and a few agree on a place that is wrong. What do they come to?
-# The mean listens to all alike. A **robust mean** starts at the median $m$, takes the distance $d_s$
-# of each vote from there, and weighs a vote by
+# That is keypoint 7, at the back of the head, where no camera looks. Most arrows meet near it, and
+# a few agree on a place that is wrong. (Try `which=[0, 2]`.) What do they come to? The mean listens
+# to all alike. A **robust mean** starts at the median $m$, takes the distance $d_s$ of each vote
+# from there, and weighs a vote by
 #
 # $$ \frac{1}{1 + (d_s / \bar d)^2}, $$
 #
@@ -590,7 +595,8 @@ votes.spread(v[:, 7], {"mean": v[:, 7].mean(0), "robust mean": robust[7]}, true[
 # built it as Umeyama's. Nothing of it has to be learned.
 
 # %%
-exact, where = voting.keypoint_pose(voting.robust_mean(pretended_votes(0.0, 0.0)[None])[0], keypoints)
+perfect = voting.robust_mean(pretended_votes(0.0, 0.0)[None])[0]
+exact, where = voting.keypoint_pose(perfect, keypoints)
 assert torch.allclose(exact, R, atol=1e-4) and torch.allclose(where, t, atol=1e-4)
 
 for words, answer in (("mean", v.mean(0)), ("robust mean", robust)):
@@ -603,20 +609,20 @@ for words, answer in (("mean", v.mean(0)), ("robust mean", robust)):
 
 # %%
 shares = np.linspace(0, 0.6, 13)
-curves = {"mean": 0, "robust mean": 1, "robust mean, weighed anew 5 times": 5}
-for words, iterations in list(curves.items()):
-    curves[words] = []
-    for share in shares:
-        said = torch.stack([pretended_votes(0.1, share, seed) for seed in range(20)])
-        found_R, _ = voting.keypoint_pose(voting.robust_mean(said, iterations), keypoints)
+curves = {"mean": [], "robust mean": []}
+for share in shares:
+    said = torch.stack([pretended_votes(0.1, share, seed) for seed in range(20)])
+    for words, answers in (("mean", said.mean(1)), ("robust mean", voting.robust_mean(said))):
+        found_R, _ = voting.keypoint_pose(answers, keypoints)
         errors = metrics.rotation_error(found_R, R.expand(20, 3, 3))
         curves[words].append(np.degrees(errors.mean().item()))
 figures.chart(curves, x=100 * shares, xlabel="seeds that are wrong, %",
               ylabel="rotation error, degrees", markers=True)  # fmt: skip
 
 # %% [markdown]
-# The mean is pulled by every wrong seed; the robust one hardly cares, until they are nearly half.
-# Beyond that the wrong ones *are* most, and it follows them.
+# The mean is pulled by every wrong seed. The robust one hardly cares for a quarter of them. From a
+# third on it gives way: they all err to the same side, and the median is moved that way, too.
+# Beyond a half the wrong ones *are* most, and it follows them.
 #
 # P2P does not use the formula. Its **heads** are two small networks that get the nine robust means,
 # 27 numbers, and say a quaternion and a translation. Its seeds, votes and heads by hand, beside the
@@ -688,14 +694,14 @@ for q, one, other in zip(walk.detach()[::12], plain[::12], free[::12], strict=Tr
 votes.double_cover(angles, losses, pulls)
 
 # %% [markdown]
-# At the left end of the circle everything is right, and the plain loss pushes away from there, as
-# hard as it pushes anywhere else. Worse, from beside $-q$ it pushes the rotation *through every
-# wrong one* before it is right again. Without the sign there are two valleys, and the push is to
-# the nearer.
+# (A step on the circle turns the rotation twice as far, so that at 90 degrees it is a half turn
+# off.) Near $-q$ all is nearly right, and the plain loss has the top of its hill there. From beside
+# it, it pushes away, *through every wrong rotation*, to where it is right again. Without the sign
+# there are two valleys, and the push is to the nearer.
 #
-# Does it matter here? These heads turn by less than 90 degrees, so the true $w$ is never below 0.7,
-# and a network that begins on that side never meets the other. Chapter 5 has objects that turn all
-# the way round, where it costs much.
+# Does it matter here? These heads turn by 75 degrees of yaw at most, so the true $w$ stays far
+# above 0, and a network that begins on that side hardly meets the other. Chapter 5 has objects that
+# turn all the way round, where it costs much.
 #
 # P2P's whole loss has three parts, weighed as in the paper:
 #
@@ -719,11 +725,11 @@ for name, value in by_hand.items():
 assert torch.isclose(total, parts["loss"], rtol=1e-4)
 
 # %% [markdown]
-# <details><summary>Rotations lie between 0 and 1.42, the other two are in metres. What does that do
-# to the weights?</summary>
+# <details><summary>$L_{rot}$ lies between 0 and $\sqrt 2$, the other two are in metres. What does
+# that do to the weights?</summary>
 #
-# An error of 1 cm costs 0.002, one of 10 degrees ($|q - q_{true}| \approx 0.087$) costs 0.017. So
-# the votes, with the largest weight, are not the largest part. The library's `unit` says what counts
+# Votes that are 1 cm off cost 0.006. Ten degrees are $|q - q_{true}| \approx 0.087$ and cost 0.017.
+# So the part with the largest weight need not be the largest. The library's `unit` says what counts
 # as one.
 #
 # </details>

@@ -14,12 +14,12 @@ from posecore.clouds import nearest_neighbours
 from posecore.figures import Picture, draw_chart
 from posecore.figures.style import COLOURS, HALO, INK, house_style, new_picture, to_floats
 
-__all__ = ["Ball", "balls", "centres", "from_the_front", "lent", "seen_by", "shuffles"]
+__all__ = ["Ball", "Surface", "balls", "centres", "from_the_front", "lent", "seen_by", "shuffles"]
 
 CENTIMETRES = 100.0
 PALE = "0.5"
 """Points that are there and not spoken of."""
-FAINT = "0.87"
+FAINT = {"head": "0.87", "glasses": "0.6"}
 """The surface that they are of."""
 
 Points = np.ndarray | Tensor
@@ -39,6 +39,13 @@ class Ball(NamedTuple):
     kept: Points
 
 
+class Surface(NamedTuple):
+    """Many points of a head (N, 3) and of its glasses (M, 3), metres: what a cloud is of."""
+
+    head: Points
+    glasses: Points
+
+
 @house_style
 def shuffles(outputs: Mapping[str, Points]) -> Picture:
     """What networks say of one cloud whose points come in another order each time.
@@ -46,7 +53,9 @@ def shuffles(outputs: Mapping[str, Points]) -> Picture:
     Args:
         outputs: title -> (S, C), C numbers for each of S orders.
     """
-    spreads = {title: float(np.ptp(np.asarray(values), 0).max()) for title, values in outputs.items()}
+    spreads = {
+        title: float(np.ptp(np.asarray(values), 0).max()) for title, values in outputs.items()
+    }
     said = "; ".join(
         f"{title}: {'all flat' if spread < 1e-4 else f'they vary by up to {spread:.2f}'}"
         for title, spread in spreads.items()
@@ -77,14 +86,20 @@ def from_the_front(axes: Axes, points: Points, **look: object) -> None:
         axes.invert_yaxis()
 
 
+def _behind(axes: Axes, surface: Surface) -> None:
+    for name, points in surface._asdict().items():
+        if len(points):
+            from_the_front(axes, points, s=3, color=FAINT[name])
+
+
 @house_style
-def centres(cloud: Points, choices: Mapping[str, Points], surface: Points) -> Picture:
+def centres(cloud: Points, choices: Mapping[str, Points], surface: Surface) -> Picture:
     """Centres that were chosen from a cloud in several ways, and the largest hole they leave.
 
     Args:
         cloud: (N, 3) metres.
         choices: title -> (M,) indices of centres.
-        surface: (M, 3) metres, many more points of the same, drawn faintly.
+        surface: what is drawn faintly behind it.
     """
     cloud = to_floats("cloud", cloud, "N", 3)
     holes = {title: _hole(cloud, cloud[np.asarray(chosen)]) for title, chosen in choices.items()}
@@ -96,7 +111,7 @@ def centres(cloud: Points, choices: Mapping[str, Points], surface: Points) -> Pi
     )  # fmt: skip
     panels = figure.subplots(1, len(choices), squeeze=False)[0]
     for axes, (title, chosen) in zip(panels, choices.items(), strict=True):
-        from_the_front(axes, surface, s=3, color=FAINT)
+        _behind(axes, surface)
         from_the_front(axes, cloud, s=5, color=PALE)
         from_the_front(axes, cloud[np.asarray(chosen)], s=34, color=COLOURS[0])
         worst, far = holes[title]
@@ -113,14 +128,14 @@ def _hole(cloud: np.ndarray, chosen: np.ndarray) -> tuple[int, float]:
 
 
 @house_style
-def balls(cloud: Points, drawn: Mapping[str, Ball], radius: float, surface: Points) -> Picture:
+def balls(cloud: Points, drawn: Mapping[str, Ball], radius: float, surface: Surface) -> Picture:
     """Balls of a cloud from the front: what is in them, and what of it is looked at.
 
     Args:
         cloud: (N, 3) metres.
         drawn: title -> a ball.
         radius: of all, metres.
-        surface: (M, 3) metres, many more points of the same, drawn faintly.
+        surface: what is drawn faintly behind it.
     """
     cloud = to_floats("cloud", cloud, "N", 3)
     counts = {title: (len(b.inside), len(np.unique(b.kept))) for title, b in drawn.items()}
@@ -134,14 +149,15 @@ def balls(cloud: Points, drawn: Mapping[str, Ball], radius: float, surface: Poin
     for axes, (title, ball) in zip(panels, drawn.items(), strict=True):
         kept = np.unique(np.asarray(ball.kept))
         dropped = np.setdiff1d(np.asarray(ball.inside), kept)
-        from_the_front(axes, surface, s=3, color=FAINT)
+        _behind(axes, surface)
         from_the_front(axes, cloud, s=6, color=PALE)
         if len(dropped):
             from_the_front(axes, cloud[dropped], s=26, facecolors="white", edgecolors=COLOURS[1],
                            linewidths=1.3, label="in the ball, left out")  # fmt: skip
         from_the_front(axes, cloud[kept], s=30, color=COLOURS[0], label="kept")
         centre = cloud[ball.centre]
-        from_the_front(axes, centre[None], s=80, color=INK, marker="+", linewidths=2, label="centre")
+        cross = {"color": INK, "marker": "+", "linewidths": 2}
+        from_the_front(axes, centre[None], s=80, label="centre", **cross)
         ring = {"fill": False, "edgecolor": INK, "linewidth": 1.2, "linestyle": "--"}
         axes.add_patch(Circle(CENTIMETRES * centre[:2], CENTIMETRES * radius, **ring))
         axes.set_title(f"{title}\n{counts[title][0]} in the ball, {len(kept)} kept", fontsize=10)
@@ -159,15 +175,13 @@ def _all_labels(panels: np.ndarray) -> tuple[list, list]:
 
 
 @house_style
-def seen_by(
-    cloud: Points, seeds: Mapping[str, tuple[Points, Points]], surface: Points
-) -> Picture:
+def seen_by(cloud: Points, seeds: Mapping[str, tuple[Points, Points]], surface: Surface) -> Picture:
     """What points of a cloud the features of some seeds depend on, from the front.
 
     Args:
         cloud: (N, 3) metres.
         seeds: title -> where the seed is (3,), and which points it knows of, (N,) bool.
-        surface: (M, 3) metres, many more points of the same, drawn faintly.
+        surface: what is drawn faintly behind it.
     """
     cloud = to_floats("cloud", cloud, "N", 3)
     shares = {title: float(np.mean(np.asarray(mask))) for title, (_, mask) in seeds.items()}
@@ -180,7 +194,7 @@ def seen_by(
     panels = figure.subplots(1, len(seeds), squeeze=False)[0]
     for axes, (title, (place, mask)) in zip(panels, seeds.items(), strict=True):
         mask = np.asarray(mask, bool)
-        from_the_front(axes, surface, s=3, color=FAINT)
+        _behind(axes, surface)
         from_the_front(axes, cloud, s=6, color=PALE)
         if mask.any():
             from_the_front(axes, cloud[mask], s=20, color=COLOURS[0])
@@ -191,7 +205,7 @@ def seen_by(
 
 
 @house_style
-def lent(point: Points, coarse: Points, near: Points, weights: Points) -> Picture:
+def lent(point: Points, coarse: Points, near: Points, weights: Points, surface: Surface) -> Picture:
     """A point, the coarse points about it, and the three that lend it their features.
 
     Args:
@@ -199,6 +213,7 @@ def lent(point: Points, coarse: Points, near: Points, weights: Points) -> Pictur
         coarse: (S, 3) metres.
         near: (3,) indices of those that lend.
         weights: (3,) their shares.
+        surface: what is drawn faintly behind it.
     """
     point, coarse = to_floats("point", point, 3), to_floats("coarse", coarse, "S", 3)
     weights = to_floats("weights", weights, "K")
@@ -209,18 +224,16 @@ def lent(point: Points, coarse: Points, near: Points, weights: Points) -> Pictur
         f"{shares}, the nearest most.",
     )  # fmt: skip
     axes = figure.subplots()
+    _behind(axes, surface)
     from_the_front(axes, coarse, s=40, color=PALE)
     for index, weight in zip(np.asarray(near), weights, strict=True):
         ends = CENTIMETRES * np.stack([point, coarse[index]])
-        axes.plot(ends[:, 0], ends[:, 1], color=COLOURS[0], lw=1 + 6 * weight, alpha=0.8, zorder=1)
+        axes.plot(*ends.T[:2], color=COLOURS[0], lw=1 + 8 * weight, zorder=1)
         middle = ends.mean(0)
-        text = axes.text(middle[0], middle[1], f"{weight:.2f}", ha="center", va="center")
+        text = axes.text(*middle[:2], f"{weight:.2f}", ha="center", va="center", zorder=4)
         text.set_path_effects(HALO)
     from_the_front(axes, coarse[np.asarray(near)], s=60, color=COLOURS[0])
     from_the_front(axes, point[None], s=110, color=COLOURS[1], marker="X", edgecolors="white",
-                   linewidths=0.8)  # fmt: skip
-    reach = 1.7 * CENTIMETRES * np.linalg.norm(coarse[np.asarray(near)] - point, axis=1).max()
-    x, y = CENTIMETRES * point[:2]
-    axes.set(xlim=(x - reach, x + reach), ylim=(y + reach, y - reach))
+                   linewidths=0.8, zorder=3)  # fmt: skip
     axes.set_title("X takes a share of each of its three nearest", fontsize=10)
     return figure

@@ -31,13 +31,15 @@ def keypoints(surfaces: Mapping[str, Points], chosen: Points) -> Picture:
     chosen = to_floats("chosen", chosen, "K", 3)
     figure = new_picture(
         7.4, 4.4,
-        f"{len(chosen)} keypoints, numbered from 0, on {' and '.join(surfaces)}, from the front and "
-        "the side: they lie at the ends of the shape; the last is the centre of its box, inside.",
+        f"{len(chosen)} keypoints, numbered from 0, on {' and '.join(surfaces)}, from the front "
+        "and the side: they lie at the ends of the shape; the last is the centre of its box, inside.",
     )  # fmt: skip
-    for axes, (title, across) in zip(figure.subplots(1, 2, sharey=True), SIDES.items(), strict=True):
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, (title, across) in zip(panels, SIDES.items(), strict=True):
         for grey, (label, points) in zip(("0.82", "0.45"), surfaces.items(), strict=False):
             flat = CENTIMETRES * to_floats("surfaces", points, "N", 3)[:, [across, 1]]
-            axes.scatter(*flat.T, s=2, color=grey, linewidths=0, label=label)
+            axes.scatter(*flat.T, s=2, color=grey, linewidths=0)
+            axes.scatter([], [], s=30, color=grey, label=label)
         flat = CENTIMETRES * chosen[:, [across, 1]]
         axes.scatter(*flat[:-1].T, s=60, color=COLOURS[1], label="keypoint", zorder=3)
         axes.scatter(*flat[-1:].T, s=60, facecolors="white", edgecolors=COLOURS[1], linewidths=2,
@@ -55,7 +57,7 @@ def keypoints(surfaces: Mapping[str, Points], chosen: Points) -> Picture:
     axes.invert_yaxis()
     figure.axes[0].set_ylabel("y, cm")
     handles, names = axes.get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False, markerscale=1)
+    figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
@@ -94,7 +96,7 @@ def vote_arrows(
     which: Sequence[int] = (0,),
     most: int = 40,
 ) -> Viewer:
-    """The votes of one cloud's seeds in 3D: an arrow from each seed to where it thinks a keypoint is.
+    """The votes of one cloud's seeds in 3D: arrows from seeds to where they think a keypoint is.
 
     Args:
         cloud: (N, 3) metres.
@@ -121,8 +123,8 @@ def vote_arrows(
         points, lines=drawn, up="-y", unit="cm",
         colours={"cloud": "#b0b0b0", "seeds": COLOURS[0], **colours}
         | ({"keypoints": INK} if found is not None else {}),
-        alt=f"A cloud of a head with glasses; arrows lead from {min(most, len(seeds))} seeds to where "
-        f"each thinks that keypoint {', '.join(map(str, which))} is.",
+        alt=f"A cloud of a head with glasses; arrows lead from {min(most, len(seeds))} seeds to "
+        f"where each thinks that keypoint {', '.join(map(str, which))} is.",
     )  # fmt: skip
 
 
@@ -151,8 +153,9 @@ def spread(votes: Points, answers: Mapping[str, Points], truth: Points) -> Pictu
     x, y = (CENTIMETRES * (votes - truth))[:, :2].T
     axes.scatter(x, y, s=18, color="0.55", linewidths=0, label=f"{len(votes)} votes")
     for number, (label, place) in enumerate(off.items()):
-        axes.scatter(*place[:2], s=110, color=COLOURS[(1, 0)[number % 2]], marker="XD"[number % 2],
-                     edgecolors="white", label=f"{label}: {np.linalg.norm(place):.1f} cm off")  # fmt: skip
+        look = {"color": COLOURS[(1, 0)[number % 2]], "marker": "XD"[number % 2]}
+        label = f"{label}: {np.linalg.norm(place):.1f} cm off"
+        axes.scatter(*place[:2], s=110, edgecolors="white", label=label, **look)
     axes.set(xlabel="x from the truth, cm", ylabel="y from the truth, cm")
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_yaxis()
@@ -175,24 +178,25 @@ def double_cover(
     figure = new_picture(
         3.1 * len(losses) + 4.2, 3.5,
         "Circles of quaternions with q at the right and -q at the left. The plain loss pushes "
-        "everything to q, also from beside -q, which is the same rotation; the loss without sign "
-        "pushes to the nearer of both. As curves: one valley against two.",
+        "everything to q, also from beside -q, which is the same rotation and the top of a hill; "
+        "the sign-free loss pushes to the nearer of both. As curves: one valley against two.",
     )  # fmt: skip
     panels = figure.subplots(1, len(losses) + 1, width_ratios=[3] * len(losses) + [3.6])
     circle = np.linspace(0, 2 * np.pi, 200)
-    few = np.arange(0, len(angles), max(1, len(angles) // 24))
+    few = np.arange(0, len(angles), max(1, len(angles) // 16))
     for axes, (label, pull) in zip(panels, pulls.items(), strict=False):
         pull = to_floats("pulls", pull, len(angles))
         axes.plot(np.cos(circle), np.sin(circle), color="0.75", lw=1)
         place = np.stack([np.cos(angles), np.sin(angles)])[:, few]
         along = np.stack([-np.sin(angles), np.cos(angles)])[:, few]
-        axes.quiver(*place, *(-pull[few] * along), angles="xy", scale_units="xy", scale=3.5,
-                    width=0.011, color=COLOURS[0])  # fmt: skip
+        axes.quiver(*place, *(-pull[few] * along), angles="xy", scale_units="xy", scale=2.8,
+                    width=0.013, color=COLOURS[0], pivot="mid", headwidth=4.5, headlength=5,
+                    headaxislength=4.5, zorder=3)  # fmt: skip
         for x, name in ((1, "$q$"), (-1, "$-q$")):
-            axes.plot(x, 0, "o", color=COLOURS[1], ms=9)
+            axes.plot(x, 0, "o", color=COLOURS[1], ms=9, zorder=4)
             axes.text(0.72 * x, 0, name, ha="center", va="center", fontsize=13)
         axes.set(title=f"{label}: where it pushes", xticks=[], yticks=[])
-        axes.set(xlim=(-1.35, 1.35), ylim=(-1.35, 1.35))
+        axes.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2))
         axes.set_aspect("equal")
         axes.spines[:].set_visible(False)
     draw_chart(

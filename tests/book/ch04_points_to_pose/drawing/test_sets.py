@@ -6,7 +6,7 @@ import torch
 from book.ch04_points_to_pose.drawing import sets
 
 CLOUD = torch.tensor([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0.1, 0.1, 0.3]])
-SURFACE = CLOUD.repeat(3, 1) + 0.01
+SURFACE = sets.Surface(CLOUD.repeat(3, 1) + 0.01, CLOUD[:0])
 
 
 def offsets(axes, number):
@@ -22,7 +22,7 @@ def test_what_does_not_change_is_called_flat():
 def test_points_are_seen_from_the_front_in_centimetres():
     figure = sets.centres(CLOUD, {"one": [0], "two": torch.tensor([0, 3])}, SURFACE)
     first, second = figure.axes
-    np.testing.assert_allclose(offsets(first, 0), 100 * SURFACE[:, :2], rtol=1e-6)
+    np.testing.assert_allclose(offsets(first, 0), 100 * SURFACE.head[:, :2], rtol=1e-6)
     np.testing.assert_allclose(offsets(first, 1), 100 * CLOUD[:, :2], rtol=1e-6)
     np.testing.assert_allclose(offsets(second, 2), [[0, 0], [10, 10]], rtol=1e-6)
     assert first.yaxis_inverted() and first.get_aspect() == 1
@@ -47,14 +47,15 @@ def test_a_ball_shows_what_is_kept_and_what_is_left_out():
 
 def test_seeds_colour_what_they_know_of():
     knows = torch.tensor([True, False, True, False])
-    figure = sets.seen_by(CLOUD, {"SA1": (CLOUD[0], knows), "none": (CLOUD[1], ~knows & knows)}, SURFACE)
+    seeds = {"SA1": (CLOUD[0], knows), "none": (CLOUD[1], ~knows & knows)}
+    figure = sets.seen_by(CLOUD, seeds, SURFACE)
     assert "SA1: 50%, none: 0%" in figure.alt
     np.testing.assert_allclose(offsets(figure.axes[0], 2), [[0, 0], [0, 10]], rtol=1e-6)
     assert len(figure.axes[1].collections) == 3
 
 
 def test_shares_are_written_beside_those_who_lend():
-    figure = sets.lent(CLOUD[0], CLOUD[1:], [0, 1, 2], torch.tensor([0.5, 0.3, 0.2]))
+    figure = sets.lent(CLOUD[0], CLOUD[1:], [0, 1, 2], torch.tensor([0.5, 0.3, 0.2]), SURFACE)
     (axes,) = figure.axes
     assert [text.get_text() for text in axes.texts] == ["0.50", "0.30", "0.20"]
-    assert [len(line.get_xdata()) for line in axes.lines] == [2, 2, 2] and "0.50, 0.30" in figure.alt
+    assert len(axes.lines) == 3 and "0.50, 0.30, 0.20" in figure.alt

@@ -11,12 +11,12 @@ SEEDS = RNG.normal(0, 0.1, (5, 3))
 VOTES = torch.from_numpy(RNG.normal(0, 0.1, (5, 4, 3)))
 
 
-def test_keypoints_are_numbered_on_both_sides_views():
+def test_keypoints_are_numbered_in_both_views():
     chosen = np.array([[0, 0, 0], [0.1, 0, 0], [0.1, 0, 0.2], [0.05, 0, 0.1]])
     figure = votes.keypoints({"head": SEEDS, "glasses": VOTES[0]}, chosen)
     front, side = figure.axes
     assert [text.get_text() for text in side.texts] == ["0", "1", "2", "3"]
-    drawn = np.asarray(side.collections[2].get_offsets())  # of z and y
+    drawn = np.asarray(side.collections[4].get_offsets())  # of z and y
     np.testing.assert_allclose(drawn, 100 * chosen[:-1][:, [2, 1]])
     assert "4 keypoints" in figure.alt and "head and glasses" in figure.alt
     assert front.yaxis_inverted() and side.yaxis_inverted()
