@@ -12,6 +12,8 @@
 # ## The question in one picture
 
 # %%
+from itertools import pairwise
+
 import numpy as np
 import torch
 
@@ -94,7 +96,8 @@ figures.Viewer(
 # | $N$, $S$ | `len(points)`, `len(centres)` | how many points; how many centres, or seeds |
 # | $r$ | `radius` | of a ball, metres |
 # | $f_j$ | `features` | what is known of a point besides its place: a row of numbers |
-# | $R$, $t$ | `R`, `t` | the pose of the glasses in the car; $t$ in metres |
+# | $R$, $t$ | `R`, `t` | the pose of the glasses; $t$ in metres, soon from the same mean |
+# | $h$, $g$ | `h`, `g` | small networks: of a point, and of what is left of all |
 # | $k_i$, $K$ | `keypoints` | a keypoint in the frame of the glasses; how many |
 # | $v_{si}$ | `v` | where seed $s$ thinks that keypoint $i$ is, metres |
 # | $q$ | `q` | a unit quaternion $(w, x, y, z)$ |
@@ -130,7 +133,7 @@ assert points.mean(0).abs().max() < 1e-5
 def small_net(*sizes):
     """Layers with ReLU between them, their weights drawn at random."""
     torch.manual_seed(0)
-    layers = [torch.nn.Linear(a, b) for a, b in zip(sizes, sizes[1:], strict=False)]
+    layers = [torch.nn.Linear(a, b) for a, b in pairwise(sizes)]
     return torch.nn.Sequential(*[part for one in layers for part in (one, torch.nn.ReLU())][:-1])
 
 
@@ -273,7 +276,8 @@ assert (lonely == nearest).all()
 #
 # Coordinates are relative to the centre, so that a nose is a nose wherever it is; divided by the
 # radius they are numbers of about 1. $h$ is *shared*: one and the same for every point of every
-# ball. Its layers are linear, each with batch normalisation and ReLU.
+# ball. Its layers are linear, each with batch normalisation and ReLU. (Before any training the
+# norms know no mean and no variance; here they take those of this cloud.)
 
 
 # %%
@@ -454,8 +458,9 @@ assert first == [3, 3 + 128, 3 + 256, 3 + 256]
 # ## 7. From seeds to a rotation
 #
 # The first method is **PointsToRotation** (P2R). Three 1 x 1 convolutions, which are shared layers
-# again, bring each seed down to four numbers. All seeds in a row are 2048; two dense layers make
-# four of them, a quaternion.
+# again, bring each seed down to four numbers. All seeds in a row are 2048; two dense layers
+# **regress** a quaternion from them: they give numbers, where a classifier gives scores of classes
+# (logits).
 
 # %%
 with torch.no_grad():
@@ -481,7 +486,8 @@ with torch.no_grad():
     by_maximum = four[:, order].amax(1), four.amax(1)  # what `pooling="max"` goes on with
 
 for words, other in (("seeds shuffled", other_seeds), ("cloud shuffled", other_cloud)):
-    print(f"{words}: the four numbers change by {(other - q).norm() / q.norm():.1%}")
+    change = ((other - q).norm() / q.norm()).item()
+    print(f"{words}: the four numbers change by {change:.1f} times their length")
 assert not torch.allclose(q, other_seeds, atol=1e-5) and torch.equal(*by_maximum)
 
 # %% [markdown]
@@ -507,11 +513,12 @@ print(f"negative among the {four.numel()} numbers: {(four < 0).float().mean():.0
 #
 # ## 8. Keypoints and votes
 #
-# The second method is **PointsToPose** (P2P). Quaternions are far from what a seed knows. A seed at
-# the left hinge knows where *it* is: "the nose must be 7 cm from here, over there." So each seed
-# **votes** for some fixed points of head and glasses, the **keypoints**, and the pose is read off
-# these. They are chosen once, by farthest point sampling on a head that wears glasses; the centre
-# of the box around both is the last.
+# The second method is **PointsToPose** (P2P). Quaternions are far from what a seed knows. A seed
+# that has recognised the left hinge could say: "The nose is 7 cm from here, over there." So each
+# seed **votes** for some fixed points of head and glasses, the **keypoints**, and the pose is read
+# off these. (Voting for what one cannot see is an old idea, the Hough transform.) They are chosen
+# once, by farthest point sampling on a head that wears glasses; the centre of the box around both
+# is the last.
 
 # %%
 meshes = {"head": make_subject(0).head, "glasses": make_glasses(GLASSES[0])}
@@ -616,11 +623,12 @@ for share in shares:
         found_R, _ = voting.keypoint_pose(answers, keypoints)
         errors = metrics.rotation_error(found_R, R.expand(20, 3, 3))
         curves[words].append(np.degrees(errors.mean().item()))
+assert curves["robust mean"][4] < curves["mean"][4] / 2  # a fifth of the seeds
 figures.chart(curves, x=100 * shares, xlabel="seeds that are wrong, %",
               ylabel="rotation error, degrees", markers=True)  # fmt: skip
 
 # %% [markdown]
-# The mean is pulled by every wrong seed. The robust one hardly cares for a quarter of them. From a
+# The mean is pulled by every wrong seed. The robust one hardly cares while they are a fifth. From a
 # third on it gives way: they all err to the same side, and the median is moved that way, too.
 # Beyond a half the wrong ones *are* most, and it follows them.
 #

@@ -32,7 +32,7 @@ def keypoints(surfaces: Mapping[str, Points], chosen: Points) -> Picture:
     figure = new_picture(
         7.4, 4.4,
         f"{len(chosen)} keypoints, numbered from 0, on {' and '.join(surfaces)}, from the front "
-        "and the side: they lie at the ends of the shape; the last is the centre of its box, inside.",
+        "and the side: they lie at the ends of the shape; the last, the centre of its box, inside.",
     )  # fmt: skip
     panels = figure.subplots(1, 2, sharey=True)
     for axes, (title, across) in zip(panels, SIDES.items(), strict=True):
