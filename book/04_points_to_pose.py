@@ -51,8 +51,10 @@ R = T[:3, :3] @ torch.from_numpy(item.R).float()
 t = T[:3, :3] @ torch.from_numpy(item.t).float() + T[:3, 3]
 
 figures.Viewer(
-    {"head": cloud[~worn], "glasses": cloud[worn]}, axes=(R, t), axis_length=0.1, up="-y", unit="cm"
-)
+    {"head": cloud[~worn], "glasses": cloud[worn]},
+    axes=(R, t), axis_length=0.1, up="-y", unit="cm",
+    alt="Points of a driver's face, forehead and glasses, and the axes of the glasses' pose.",
+)  # fmt: skip
 
 # %% [markdown]
 # Turn it. These are 2000 points of a driver's head and glasses, as far as one camera sees them. The
@@ -94,9 +96,9 @@ figures.Viewer(
 # |---|---|---|
 # | $x_j$ | `points` | a point of the cloud, metres, relative to the cloud's mean |
 # | $N$, $S$ | `len(points)`, `len(centres)` | how many points; how many centres, or seeds |
-# | $r$ | `radius` | of a ball, metres |
+# | $r$, $n$ | `radius`, `count` | of a ball, metres; how many of its points are kept |
 # | $f_j$ | `features` | what is known of a point besides its place: a row of numbers |
-# | $R$, $t$ | `R`, `t` | the pose of the glasses; $t$ in metres, soon from the same mean |
+# | $R$, $t$ | `R`, `t` | the pose of the glasses; $t$ in metres, relative to the same mean |
 # | $h$, $g$ | `h`, `g` | small networks: of a point, and of what is left of all |
 # | $k_i$, $K$ | `keypoints` | a keypoint in the frame of the glasses; how many |
 # | $v_{si}$ | `v` | where seed $s$ thinks that keypoint $i$ is, metres |
@@ -165,9 +167,9 @@ sets.shuffles({"all points in a row": in_a_row, "max over points": pooled})
 #
 # <details><summary>What can this network not see?</summary>
 #
-# Which points lie side by side. Each goes through $h$ alone, and what is left is one maximum over
-# the whole head. A nose and an ear that changed places would go unnoticed, if each were known by
-# its shape. So PointNet++ does the same for small *neighbourhoods* first: sections 2 to 4.
+# Which points lie side by side. Each goes through $h$ alone, which is told where it is and nothing
+# else: no edge, no bump, no hinge. All that is known of shape has to come out of one maximum over
+# the whole head. So PointNet++ does the same for small *neighbourhoods* first: sections 2 to 4.
 #
 # </details>
 #
@@ -213,7 +215,7 @@ sets.centres(points, choices, surface)
 # ## 3. Balls
 #
 # A centre's neighbourhood is the **ball** of radius $r$ about it. As arrays want rows of one
-# length, each ball keeps $K$ points: the first $K$ if there are more. And if there are fewer? Then
+# length, each ball keeps $n$ points: the first $n$ if there are more. And if there are fewer? Then
 # it is filled up with copies of its first.
 
 
@@ -260,7 +262,7 @@ assert (lonely == nearest).all()
 # </details>
 #
 # <details><summary>A camera with four times as many pixels sees the same head. What becomes of
-# balls with a fixed K?</summary>
+# balls that keep n points?</summary>
 #
 # They hold the same number of points of four times as many, the first by index. If the order is
 # random, that is a random quarter. If it is the order of the pixels, it is the upper rim of the
@@ -375,12 +377,12 @@ print(f"in the field: {int(fields[2][0].sum())} of 256 points; with a gradient: 
 # %% [markdown]
 # The paper has 2000 points and four levels. The last ball, of one *metre*, "incorporates all
 # points", it says. In reach, yes. But a ball keeps only some. How many is not in the paper; with
-# the usual numbers, 64, 32, 16 and 16, what does a seed of SA4 depend on?
+# those of VoteNet, which it builds on, 64, 32, 16 and 16, what does a seed of SA4 depend on?
 
 # %%
 dense = cloud - cloud.mean(0)
-fine = pointnet2.build_geometry(dense[None])  # the paper's sizes, if nothing else is said
-for i, field in enumerate(receptive_fields(fine)):
+paper_size = pointnet2.build_geometry(dense[None])  # the paper's sizes, if nothing else is said
+for i, field in enumerate(receptive_fields(paper_size)):
     shares = field.float().mean(1)
     print(f"SA{i + 1}: {shares.mean():5.1%} of the cloud in the mean over its centres")
 
@@ -389,8 +391,8 @@ for i, field in enumerate(receptive_fields(fine)):
 # can a seed depend on (nearly) the whole cloud?</summary>
 #
 # SA3's centres are in the order of farthest point sampling, so the first 16 are spread over the
-# whole head, and each knows of half of it. But they are the same 16 in every ball: all 128 seeds
-# of SA4 look at the same, each from its own place.
+# whole head, and each knows of half of it. In that sense the paper is right. But they are the same
+# 16 in every ball: all 128 seeds of SA4 look at the same, each from its own place.
 #
 # </details>
 #
@@ -435,9 +437,9 @@ print("lent", tuple(lent.shape), "own", tuple(own.shape), "together", tuple(brou
 TABLE_2 = {"SA1": (1024, 128), "SA2": (512, 256), "SA3": (256, 256), "SA4": (128, 256),
            "FP1": (256, 256), "FP2": (512, 256)}  # fmt: skip
 torch.manual_seed(0)
-p2r = with_statistics(PointsToRotation(), fine)  # its backbone is the paper's
+p2r = with_statistics(PointsToRotation(), paper_size)  # its backbone is the paper's
 with torch.no_grad():
-    stages = p2r.backbone.stages(fine)
+    stages = p2r.backbone.stages(paper_size)
 for (name, stage), sizes in zip(stages.items(), TABLE_2.values(), strict=True):
     print(f"{name}: points {tuple(stage.points.shape)}, features {tuple(stage.features.mT.shape)}")
     assert stage.points.shape == (1, sizes[0], 3) and stage.features.shape == (1, *sizes)
@@ -464,13 +466,13 @@ assert first == [3, 3 + 128, 3 + 256, 3 + 256]
 
 # %%
 with torch.no_grad():
-    seeds = p2r.backbone(fine)
+    seeds = p2r.backbone(paper_size)
     four = p2r.convolutions(seeds.features)
     row = four.flatten(1)
     q = p2r.dense(row)
     print("seeds", tuple(seeds.features.shape), "convolutions", tuple(four.shape),
           "in a row", tuple(row.shape), "dense", tuple(q.shape))  # fmt: skip
-    assert torch.allclose(q, p2r(fine).rotation, atol=1e-5)
+    assert torch.allclose(q, p2r(paper_size).rotation, atol=1e-5)
 
 # %% [markdown]
 # In a *row*? Section 1 warned of that. Dense layers know seeds by their number, so their order
@@ -492,7 +494,7 @@ assert not torch.allclose(q, other_seeds, atol=1e-5) and torch.equal(*by_maximum
 
 # %% [markdown]
 # The network is untrained, so the size of the change means nothing; that there is one does. A
-# trained network has to live with it, and sees many orders while it learns.
+# trained network has to live with it, and sees as many orders as clouds while it learns.
 #
 # One more thing is not as printed. By the paper's text all three convolutions end in a ReLU. After
 # the last one it would set to zero whatever is negative of the only four numbers that a seed may
@@ -560,12 +562,12 @@ votes.vote_arrows(points, places, v, true, which=[7])
 # %% [markdown]
 # That is keypoint 7, at the back of the head, where no camera looks. Most arrows meet near it, and
 # a few agree on a place that is wrong. (Try `which=[0, 2]`.) What do they come to? The mean listens
-# to all alike. A **robust mean** starts at the median $m$, takes the distance $d_s$ of each vote
-# from there, and weighs a vote by
+# to all alike. A **robust mean** starts at the median of each coordinate, takes the distance $d_s$
+# of each vote from there, and weighs a vote by
 #
 # $$ \frac{1}{1 + (d_s / \bar d)^2}, $$
 #
-# $\bar d$ being the median of the distances: a vote as far as most counts a half, one that is ten
+# $\bar d$ being the median of the distances: a vote at $\bar d$ counts a half, one that is ten
 # times as far a hundredth.
 
 
@@ -589,9 +591,9 @@ votes.spread(v[:, 7], {"mean": v[:, 7].mean(0), "robust mean": robust[7]}, true[
 # <details><summary>Votes for a keypoint at the back of the head scatter more than those for one on
 # the glasses. Why?</summary>
 #
-# Here because we said so: errors grow with the distance. In a network for the same reason. A seed
-# that errs by one degree misses by 1.7 cm at a metre, and by 1.7 mm at 10 cm; and no seed is near
-# what the camera does not see.
+# Here because we said so: errors grow with the distance. So they do in a network. A seed that errs
+# by one degree misses by 1.7 mm at 10 cm, and by twice as much at 20; and no seed is near what the
+# camera does not see.
 #
 # </details>
 #
