@@ -1,1 +1,1 @@
-"""Chapter 4: from a cloud of points to a pose."""
+"""Chapter 04: From a cloud to a pose."""
