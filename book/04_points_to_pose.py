@@ -24,6 +24,8 @@ from book.ch04_points_to_pose import pose_training as training
 from book.ch04_points_to_pose.drawing import race, sets, votes
 from data_tools.shapes import GLASSES, make_glasses, make_subject
 from data_tools.worlds import headset
+
+# %%
 from posecore import clouds, figures, metrics, rotations
 from posecore.methods.points_to_pose import voting
 from posecore.methods.points_to_pose.losses import PoseLoss
@@ -34,7 +36,6 @@ from posecore.methods.random_bins import network
 from posecore.nets import pointnet2
 from posecore.scale import choose, scale
 
-# %%
 torch.set_num_threads(choose(tiny=1, book=2, paper=2))  # a test at tiny has one core
 few = data_tools.open("headset", split="test", whole=False)  # makes only what is looked at
 driver = few[3 * 4 + 1]  # the centre camera's view of the fifth instant
