@@ -39,7 +39,7 @@ def ball_query(points: Tensor, centres: Tensor, radius: float, count: int) -> Te
 
 
 def _balls(rng: np.random.Generator) -> Inputs:
-    line = _tensor([[x, 0, 0] for x in (0, 2, 1, 4, 3, 8)])
+    line = _tensor([[x, 0, 0] for x in (0, 2, 4, 1, 3, 8)])
     first, three = line[:1], line[[0, 3, 2]]
     yield "a ball with as many points as asked for", line, first, 2.5, 3
     yield "a ball with more points than asked for", line, first, 4.5, 3
@@ -58,7 +58,7 @@ def _balls(rng: np.random.Generator) -> Inputs:
     yield "a count larger than the cloud", line[:3], line[:2], 5.0, 6
     yield "a cloud of one point", first, first, 1.0, 3
     away = _tensor([[5.75, 0, 0], [0, 0, 0]])
-    yield "an empty ball beside one that is not", line, away, 1.0, 3
+    yield "an empty ball beside one that is not", line, away, 1.25, 3
     yield "an empty ball far from the cloud", line, _tensor([[-3e4, 9, 1]]), 1.0, 2
     level = _tensor([[9, 0, 0], [0, 2, 0], [0, -2, 0]])
     yield "an empty ball with two points equally near", level, _tensor([[0, 0, 0]]), 1.0, 2
@@ -107,11 +107,11 @@ def _filled_balls(rng: np.random.Generator) -> Inputs:
     yield "one ball of three different points", features, balls([0, 2, 4])
     yield "two balls", features, balls([0, 2, 4], [1, 3, 4])
     yield "a ball that is filled up with its first point", features, balls([1, 2, 1, 1])
-    yield "the same ball in another order", features, balls([2, 1, 1, 1])
     yield "a ball with a repeat that is not the first", features, balls([0, 1, 3, 1])
+    yield "the same ball in another order", features, balls([1, 3, 0, 1])
     yield "a ball with places for nobody (-1)", features, balls([0, 1, -1, -1])
+    yield "places for nobody (-1) in front", features, balls([-1, 3, 2, -1])
     yield "negative features, and places for nobody (-1)", -features.abs(), balls([0, -1, 2, -1])
-    yield "places for nobody (-1) in front", features, balls([-1, 3, -1, 2])
     alike = features[[0, 0, 1, 3]]
     yield "two points with the same features", alike, balls([0, 1, 2, 2])
     for n, c, m, k in ((6, 4, 5, 8), (9, 1, 3, 4), (5, 3, 7, 5)):
@@ -203,10 +203,11 @@ check_quaternion_loss = Exercise(
         {
             "exactly right": "The root has no derivative at 0. torch.linalg.vector_norm knows what "
             "to do there, a root of your own does not.",
-            "gradient": "A gradient goes through arithmetic, and not through .item(), float(...) "
+            "no gradient": "A gradient goes through arithmetic, and not through .item(), float(...) "
             "or torch.tensor(...).",
+            "not the gradient": "Outputs may have any length. To bring them to length 1 is a step "
+            "through which the gradient goes, too.",
             "zeros": "What is 0 / 0? Is there a function that normalises and looks out for it?",
-            "of length": "Is every output as long as a quaternion of a rotation?",
             "half turn": "Near a half turn, w is nearly 0, and its sign tells nothing. Look at all "
             "four numbers.",
             "two outputs": "Each rotation of the batch has a nearer sign of its own.",
@@ -368,7 +369,7 @@ def _yaws(rng: np.random.Generator) -> Inputs:
     few = degrees(0, 5, -3, 12, -20, 8, 1, -2, 55, -48)
     yield "two extreme poses of ten", few
     yield "extreme poses to the left only", degrees(0, 5, -3, 12, -20, 8, 1, -2, -62, -48)
-    yield "every yaw twice", np.repeat(few, 2)
+    yield "every yaw twice", np.tile(few, 2)
     for size in (40, 300):
         yaw = np.where(rng.random(size) < 0.85, rng.normal(0, 8, size), rng.uniform(-75, 75, size))
         yield "a drive", np.deg2rad(np.append(yaw, [-70, 44]))
