@@ -203,7 +203,7 @@ check_quaternion_loss = Exercise(
         {
             "exactly right": "The root has no derivative at 0. torch.linalg.vector_norm knows what "
             "to do there, a root of your own does not.",
-            "no gradient": "A gradient goes through arithmetic, and not through .item(), float(...) "
+            "no gradient": "A gradient goes through arithmetic, and not through .item(), float() "
             "or torch.tensor(...).",
             "not the gradient": "Outputs may have any length. To bring them to length 1 is a step "
             "through which the gradient goes, too.",

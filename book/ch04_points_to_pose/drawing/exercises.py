@@ -27,14 +27,15 @@ def balls(points: np.ndarray, centres: np.ndarray, radius: float, found: np.ndar
     pairs = list(zip(found, centres, strict=True))
     inside = [np.linalg.norm(points[b] - c, axis=1) < radius for b, c in pairs]
     several = [len(np.unique(ball)) for ball in found]
+    places = found.shape[1]
     names = [
-        f"centre {i}: "
-        + (f"{n} of {found.shape[1]} places" if full.any() else "empty, the nearest")
+        f"ball {i}: "
+        + (f"{n} point{'s'[: n - 1]}, {places} places" if full.any() else "empty, so the nearest")
         for i, (n, full) in enumerate(zip(several, inside, strict=True))
     ]
     figure = new_picture(
-        6.2,
-        5.4,
+        6.8,
+        6.0,
         f"A cloud of {len(points)} points from the front with {len(centres)} balls of "
         f"{1000 * radius:.0f} mm, and the points that were found for them: {'; '.join(names)}.",
     )
@@ -51,7 +52,9 @@ def balls(points: np.ndarray, centres: np.ndarray, radius: float, found: np.ndar
     axes.set(xlabel="x, mm", ylabel="y, mm (down)", aspect="equal")
     axes.margins(0.06)
     axes.invert_yaxis()
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper", fontsize=9)
+    figure.legend(
+        *axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9
+    )
     return figure
 
 
@@ -186,8 +189,8 @@ def bins(
         6.8,
         4.4,
         f"Errors of {len(true)} poses over the size of the true angle, up to {edges[-1]:.0f} "
-        f"degrees, with the mean of each bin of {np.rad2deg(width):.0f} degrees; {empty} bins on "
-        f"the way are empty. Mean error {mean:.1f}, mean of the bins {balanced:.1f} degrees. "
+        f"degrees, with the mean of each bin of {np.rad2deg(width):.0f} degrees; {empty} of "
+        f"{used} bins are empty. Mean error {mean:.1f}, mean of the bins {balanced:.1f} degrees. "
         f"Below, how many poses a bin holds: from {counts[0]} to {counts[used - 1]}.",
     )
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
