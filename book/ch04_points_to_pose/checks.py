@@ -182,7 +182,7 @@ def _quaternions(rng: np.random.Generator) -> Inputs:
 
 def _is_the_loss(answer: Tensor, outputs: Tensor, q: Tensor) -> str:
     expected = quaternion_loss(outputs, q)
-    if words := difference(answer.detach(), expected.detach(), 1e-6):
+    if words := difference(answer.detach(), expected.detach(), 1e-5):
         return words
     norms = torch.linalg.vector_norm(outputs.detach(), dim=-1)
     if norms.min() < 1e-6:  # there the direction of the gradient is anybody's

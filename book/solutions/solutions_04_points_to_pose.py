@@ -45,14 +45,11 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import nn
-from trimesh import Trimesh
-from trimesh.sample import sample_surface
 
 from book.ch04_points_to_pose import checks
 from book.ch04_points_to_pose.drawing import exercises as draw
 from book.tools.checks import use
 from book.tools.syntax import forgive_syntax
-from data_tools.shapes import make_glasses, make_subject
 from data_tools.worlds.headset_scenes import draw_angles
 from posecore import rotations
 from posecore.methods.points_to_pose.voting import fused_keypoints
@@ -63,11 +60,17 @@ forgive_syntax()  # a cell that is no Python says so, and the page goes on
 torch.set_default_dtype(torch.float64)
 
 # %% [markdown]
-# **The scene.** A head that wears glasses, as points on its surface. In its frame x is to the right,
-# y down and z away from us. A camera in front sees the points whose surface is turned towards it. (A
-# nose hides nothing here: that is kept simple.) What it sees is shifted so that its mean is 0.
+# **The scene.** A head that wears glasses, as points on its surface. In its frame x is to the
+# right, y down and z away from us. A camera in front sees the points whose surface is turned
+# towards it. (A nose hides nothing here: that is kept simple.) What it sees is shifted so that its
+# mean is 0.
 
 # %%
+from trimesh import Trimesh
+from trimesh.sample import sample_surface
+
+from data_tools.shapes import make_glasses, make_subject
+
 meshes = [
     Trimesh(mesh.vertices, mesh.faces, process=False)
     for mesh in (make_subject(0).head, make_glasses("classic"))
@@ -77,6 +80,7 @@ surface = np.concatenate([points for points, _ in sampled])
 normals = np.concatenate([m.face_normals[f] for m, (_, f) in zip(meshes, sampled, strict=True)])
 
 
+# %%
 def seen(R, count, rng):
     """(V, count, 3): a cloud of what is seen of the head in each of the rotations (V, 3, 3)."""
     hidden = R[:, 2] @ normals.T > -0.1  # (V, all points)
@@ -89,9 +93,9 @@ def seen(R, count, rng):
 # %% [markdown]
 # ## 1. Warm-up: a ball query
 #
-# *Warm-up, 15 minutes.* PointNet++ looks at small parts of a cloud. A part is a ball about a centre,
-# and a ball query says which points are in it. Every ball gets the same number of places, or they
-# would not fit into one tensor.
+# *Warm-up, 15 minutes.* PointNet++ looks at small parts of a cloud. A part is a ball about a
+# centre, and a ball query says which points are in it. Every ball gets the same number of places,
+# or they would not fit into one tensor.
 #
 # | in | shape | |
 # |---|---|---|
@@ -157,10 +161,10 @@ assert all(same)  # there was room for all
 
 # %% [markdown] tags=["solution"]
 # **Discussion.** Why the first by index, when the nearest would be as good? Because it is fast: the
-# search stops as soon as the places are full, and nothing is sorted. The price is what you have just
-# seen: where there are more points than places, the answer depends on the order of the cloud. If
-# points are in a random order, as here, "the first" are drawn at random from the ball, and no part
-# of it is preferred. In the order of an image's rows they would all be at its top.
+# search stops as soon as the places are full, and nothing is sorted. The price is what you have
+# just seen: where there are more points than places, the answer depends on the order of the cloud.
+# If points are in a random order, as here, "the first" are drawn at random from the ball, and no
+# part of it is preferred. In the order of an image's rows they would all be at its top.
 #
 # In PointNet++ centres are chosen from the cloud itself, so no ball is empty: the centre is in it.
 # A ball about a place that was *voted* for may be.
@@ -168,9 +172,9 @@ assert all(same)  # there was room for all
 # %% [markdown]
 # ## 2. Pooling that knows no order
 #
-# *Medium, 20 minutes.* Each point of a ball has features, and the ball needs one vector of them all.
-# Points have no order, so the vector must not depend on it: that is *pooling*. Nor may it depend on
-# how often a point fills a place that was left over.
+# *Medium, 20 minutes.* Each point of a ball has features, and the ball needs one vector of them
+# all. Points have no order, so the vector must not depend on it: that is *pooling*. Nor may it
+# depend on how often a point fills a place that was left over.
 #
 # | in | shape | |
 # |---|---|---|
@@ -235,9 +239,9 @@ print("the maximum is the same with the copies:", worst)
 assert worst and away[held == 16].max() < 1e-12
 
 # %% [markdown] tags=["solution"]
-# **Discussion.** The maximum of a set does not change if a member is there twice. So PointNet++ fills
-# its balls with copies and need not know how many there are: with a maximum, that is free. A mean
-# would have to count, as yours does.
+# **Discussion.** The maximum of a set does not change if a member is there twice. So PointNet++
+# fills its balls with copies and need not know how many there are: with a maximum, that is free. A
+# mean would have to count, as yours does.
 #
 # It is not the only function of this kind. Any sum over members, of whatever is computed from each
 # by itself, knows no order, and then any function of that sum. A famous theorem says that all
@@ -245,8 +249,8 @@ assert worst and away[held == 16].max() < 1e-12
 # (Zaheer et al., *Deep Sets*, 2017). The maximum sees the *outline* of a ball in feature space, the
 # mean its middle: a point inside the outline can be left out without a trace.
 #
-# One more place where order comes in again: the network P2R lays the seeds in a row and puts a dense
-# layer on top. That layer knows seed number 3 from seed number 4.
+# One more place where order comes in again: the network P2R lays the seeds in a row and puts a
+# dense layer on top. That layer knows seed number 3 from seed number 4.
 
 # %% [markdown]
 # ## 3. A loss that does not see the sign
@@ -335,12 +339,13 @@ for name, loss in {"to q alone": plain_loss, "to the nearer": quaternion_loss_he
 
 # %% [markdown] tags=["solution"]
 # **Discussion.** The plain loss drags the rotation through the farthest one there is, a half turn,
-# to bring it back to where it has been already. That is the *double cover*: the quaternions go twice
-# around the rotations.
+# to bring it back to where it has been already. That is the *double cover*: the quaternions go
+# twice around the rotations.
 #
-# With labels that all have $w \ge 0$ this is rare for a head, which seldom turns by more than 90
-# degrees: then $w$ is never near 0, and a network learns the sign of the labels. For objects of any
-# rotation it is a wall: near a half turn, two rotations that are alike have labels that are 2 apart.
+# With labels that all have $w \ge 0$ this is rare for a head, which seldom turns by more than
+# 90 degrees: then $w$ is never near 0, and a network learns the sign of the labels. For objects
+# of any rotation it is a wall: near a half turn, two rotations that are alike have labels that
+# are 2 apart.
 #
 # Another sign-free loss is $1 - |p \cdot q|$, or the angle itself. Near the truth the first is flat
 # and grows with the square, and the distance grows with the angle: $2 \sin(\alpha / 4)$.
@@ -357,8 +362,8 @@ for name, loss in {"to q alone": plain_loss, "to the nearer": quaternion_loss_he
 # 3. The place of the keypoint is the mean of the votes with the weights
 #    $w_s = 1 / (1 + (d_s / m)^2)$.
 #
-# From all keypoints' places comes the pose that brings the model's keypoints nearest to them (Kabsch;
-# chapter 1). You may use `umeyama(source, target)`, whose answer has `.R` and `.t`.
+# From all keypoints' places comes the pose that brings the model's keypoints nearest to them
+# (Kabsch; chapter 1). You may use `umeyama(source, target)`, whose answer has `.R` and `.t`.
 #
 # | in | shape | |
 # |---|---|---|
@@ -366,7 +371,7 @@ for name, loss in {"to q alone": plain_loss, "to the nearer": quaternion_loss_he
 # | `model` | (K, 3) | the keypoints in the object's frame; metres |
 # | **out** | (3, 3), (3,) | `R` and `t` of the pose, from object to camera |
 #
-# - A median is that of `torch.median`: of an even number of votes, the lower of the two in the middle.
+# - A median is that of `torch.median`: of an even number of votes, the lower of the middle two.
 # - If most votes agree to the last digit, $m$ is 0. Then those votes are the answer.
 #
 # The picture shows what is expected of the places: 40 votes for each keypoint, every fourth wild.
@@ -429,27 +434,29 @@ for count in (0, 10, 18, 24, 40):
 assert curves["robust mean"][5] < 0.5 * curves["mean"][5]
 
 # %% [markdown] tags=["solution"]
-# **Discussion.** These are Cauchy's weights, once. A vote that is $m$ away counts half, one that is
-# ten times as far about a hundredth. No threshold has to be chosen: $m$ comes from the votes. And a
-# median does not move before half of the votes are wild; beyond, the wild ones *are* the votes.
+# **Discussion.** These are Cauchy's weights, once. A vote that is $m$ away counts half, one that
+# is ten times as far about a hundredth. No threshold has to be chosen: $m$ comes from the votes.
+# And a median moves little as long as fewer than half of them are wild; beyond, the wild ones
+# *are* the votes.
 #
-# The wild votes here are off to the same side, all of them, as those of a network are that takes one
-# side of the glasses for the other. If they were off in all directions, even the mean would do:
+# The wild votes here are off to the same side, all of them, as those of a network are that takes
+# one side of the glasses for the other. If they were off in all directions, even the mean would do:
 # with many votes they cancel.
 #
-# Then the pose repairs what is left: an error that is not common to all keypoints fits no motion, so
-# Kabsch averages it away. One that *is* common to all goes right through into $t$.
+# Then the pose repairs what is left: an error that is not common to all keypoints mostly fits no motion,
+# so Kabsch averages it away. One that *is* common to all goes right through into $t$.
 
 # %% [markdown]
 # ## 5. The bins of BMAE
 #
 # *Medium, 25 minutes.* Drivers mostly look ahead. So a mean error says how good a method is for
-# faces from the front. The *balanced mean angular error* averages inside bins of the true angle, and
-# then over the bins. In chapter 1 you wrote the number. Here you lay open what stands behind it.
+# faces from the front. The *balanced mean angular error* averages inside bins of the true
+# angle, and then over the bins. In chapter 1 you wrote the number. Here you lay open what
+# stands behind it.
 #
 # | in | shape | |
 # |---|---|---|
-# | `estimated`, `true` | (N,) | estimates and labels of one angle, e.g. yaw; radians, $-\pi$ to $\pi$ |
+# | `estimated`, `true` | (N,) | estimates and labels of one angle; radians, $-\pi$ to $\pi$ |
 # | `bin_width` | a number | $w$, radians |
 # | **out** | (B,) | how many poses each bin holds, whole numbers |
 # | | (B,) | the mean error of each bin, radians; `nan` if it holds none |
@@ -476,7 +483,8 @@ draw.bins(guess, yaw, width, *checks.error_bins(guess, yaw, width))
 def error_bins(estimated, true, bin_width):
     """How many poses each bin holds (B,), their mean errors (B,), and BMAE; all in radians.
 
-    >>> counts, means, bmae = error_bins(np.array([0.3, -0.5, 3.0]), np.array([0.1, -0.1, 2.9]), 1.0)
+    >>> true = np.array([0.1, -0.1, 2.9])
+    >>> counts, means, bmae = error_bins(np.array([0.3, -0.5, 3.0]), true, 1.0)
     >>> counts, means.round(3), round(bmae, 3)
     (array([2, 0, 1, 0]), array([0.3, nan, 0.1, nan]), 0.2)
     """
@@ -515,13 +523,13 @@ assert np.mean(drawn["BMAE"]) > np.mean(drawn["MAE"])
 
 # %% [markdown] tags=["solution"]
 # **Discussion.** BMAE gives a bin of two poses the same say as one of a hundred. So it speaks about
-# what is rare, and pays for it with noise: its spread is larger than that of the plain mean. A table
-# should say how many poses the bins hold. Two methods that differ by less than this spread do not
-# differ.
+# what is rare, and pays for it with noise: its spread is larger than that of the plain mean. A
+# table should say how many poses the bins hold, and a difference that is smaller than the spread
+# tells nothing about two methods.
 #
 # Empty bins are left out. Counted as bins without error they would *reward* a test set that has no
-# extreme poses. And the bins are of the true angle: by the estimated one, a method could choose its
-# bins.
+# extreme poses. And the bins are of the true angle: by the estimated one, a method could choose
+# where its errors count.
 
 # %% [markdown]
 # ## 6. Open: more extreme poses
@@ -652,15 +660,16 @@ for name, weights in {"all alike": uniform, "your weights": training_weights_her
 draw.errors_and_draws(edges, draws, errors)
 
 # %% [markdown] tags=["solution"]
-# **Discussion.** Drawing a cloud more often tells the network that its error matters more; it does
-# not tell it anything new. (The same could be done by a factor on its loss; then the gradients of a
-# batch vary more.) Thirty extreme clouds stay thirty, and a network that sees each of them hundreds
-# of times may know them by heart. So look at clouds that it has not seen, as here.
+# **Discussion.** Drawing a cloud more often tells the network that its error matters more; it
+# does not tell it anything new. (The same could be done by a factor on its loss; then the
+# gradients of a batch vary more.) Two dozen extreme clouds stay two dozen, and a network that
+# sees each of them hundreds of times may *overfit*: it knows them by heart. So look at clouds
+# that it has not seen, as here.
 #
 # And what is taken from one is given to the other: faces from the front now come less often, which
 # costs something in the middle. Which of the two is better depends on the question, that is on the
 # measure: MAE of a usual drive would say no, BMAE yes.
 #
 # If you may draw new clouds, do that first. To *turn* a cloud and its label by some angle makes new
-# yaws, but it also makes clouds that no camera sees: a face that looks to the side, seen from the
-# front. Chapter 4 says what that costs.
+# yaws, but it also makes clouds that no camera sees: a face that looks to the side, with the points
+# that are seen from the front.

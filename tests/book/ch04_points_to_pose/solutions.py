@@ -284,6 +284,13 @@ def loss_one_by_one(outputs: Any, q: Any) -> Tensor:
     return torch.stack(losses).mean()
 
 
+@right("quaternion_loss")
+def loss_with_small_numbers_added(outputs: Any, q: Any) -> Tensor:
+    p = outputs / (outputs.norm(dim=-1, keepdim=True) + 1e-8)
+    near = torch.stack([(p - q).square().sum(-1), (p + q).square().sum(-1)]).amin(0)
+    return (near + 1e-12).sqrt().mean()
+
+
 @wrong("quaternion_loss", "one output near -q", "got")
 def loss_to_q_alone(outputs: Any, q: Any) -> Tensor:
     return torch.linalg.vector_norm(F.normalize(outputs, dim=-1) - q, dim=-1).mean()
@@ -420,6 +427,23 @@ def votes_with_one_m_for_all(votes: Any, model: Any) -> Any:
 @wrong("pose_of_votes", "votes with a little noise", "in result [0]")
 def votes_with_weights_without_squares(votes: Any, model: Any) -> Any:
     return kabsch(model, middle(votes, lambda d, m: 1 / (1 + d / m)))
+
+
+@wrong("pose_of_votes", "votes with a little noise", "in result [0]")
+def votes_weighed_by_coordinates(votes: Any, model: Any) -> Any:
+    off = (votes - votes.median(0).values).abs()
+    w = 1 / (1 + (off / off.median(0).values.clamp(min=1e-30)).square())
+    return kabsch(model, (w * votes).sum(0) / w.sum(0))
+
+
+@wrong("pose_of_votes", "votes with a little noise", "in result [0]")
+def votes_weighed_again_and_again(votes: Any, model: Any) -> Any:
+    centre = votes.median(0).values
+    for _ in range(10):
+        d = torch.linalg.vector_norm(votes - centre, dim=-1)
+        w = 1 / (1 + (d / d.median(0).values.clamp(min=1e-30)).square())[..., None]
+        centre = (w * votes).sum(0) / w.sum(0)
+    return kabsch(model, centre)
 
 
 @wrong("pose_of_votes", "an even number of votes", "in result [0]")
