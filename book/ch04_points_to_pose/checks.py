@@ -210,7 +210,9 @@ check_quaternion_loss = Exercise(
             "zeros": "What is 0 / 0? Is there a function that normalises and looks out for it?",
             "half turn": "Near a half turn, w is nearly 0, and its sign tells nothing. Look at all "
             "four numbers.",
-            "two outputs": "Each rotation of the batch has a nearer sign of its own.",
+            "different lengths": "Each output is brought to length 1 by a length of its own.",
+            "two outputs": "Each rotation of the batch has a nearer sign of its own. And the loss "
+            "is a mean.",
             "-q": "q and -q are one rotation. How far is your output from each of the two?",
             "": "It is a distance in four dimensions, of one quaternion to another; then a mean.",
         },
@@ -270,9 +272,12 @@ check_pose_of_votes = Exercise(
     hints=(
         {
             "nan": "What is 0 / 0? Where all votes agree, m is 0. So is d.",
-            "[1]": "R is right. Where does it bring the middle of the model, and where should it?",
-            "in a plane": "The determinant of a rotation is 1. What is that of yours?",
             "not turned": "Which of the two clouds is to be moved, and onto which?",
+            "[1]": "R is right. Where does it bring the middle of the model, and where should it?",
+            "one exact vote": "One vote alone is the place of its keypoint. So look at the second "
+            "step: which cloud is to be moved, and onto which?",
+            "even number": "Which of two numbers in the middle is the median, by the list?",
+            "in a plane": "The determinant of a rotation is 1. What is that of yours?",
             "": "Do it in two steps, and look at the first by itself: one place (3,) for each "
             "keypoint, from S votes.",
         },
@@ -331,10 +336,14 @@ check_error_bins = Exercise(
         {
             "other side of pi": "How far is it from 179 to -179 degrees?",
             "pi and -pi": "The last bin includes its end. There is no bin after it.",
+            "expected shape": "How many bins of this width does it take to reach pi?",
             "is rounded": "Print 0.3 / 0.1.",
             "not divide pi": "The last bin may be narrower than the others, and still be one.",
             "of both signs": "Left and right count alike, and so do too much and too little.",
-            "in result [1]": "A bin that holds nobody has no mean: it is nan.",
+            "another bin": "By what is a pose sorted into its bin: by the truth, or by what was "
+            "estimated?",
+            "in result [1]": "An error is the difference of estimate and truth. And a bin that "
+            "holds nobody has no mean: it is nan.",
             "in result [2]": "First a mean inside each bin, then one over the bins, but only over "
             "those that hold a pose.",
             "": "To which bin a pose belongs is a matter of the true angle. There are as many as "
@@ -428,9 +437,13 @@ check_training_weights = Exercise(
     _yaws,
     hints=(
         {
+            "no extreme pose": "A group may be empty. What is 0 / 0?",
+            "no yaw that": "There is nothing to draw from. What is to be done then, by the list?",
             "nan": "Any comparison with nan is False, and any sum with it is nan. Who has a yaw?",
             "at least, got": "Add up the weights of the extreme poses: are these the draws you "
             "wanted?",
+            "of at least 0": "A probability is never below 0.",
+            "same yaw": "Only yaw may count, and not where in the list a cloud stands.",
             "at most": "A network that never sees a face from the front will not know it.",
             "to the": "Is a driver who looks left the same as one who looks right?",
             "sum of 1": "Divide by the sum, at the end.",

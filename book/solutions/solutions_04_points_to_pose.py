@@ -643,7 +643,7 @@ def train(weights, steps):
 
 
 # %%
-steps = choose(tiny=40, book=1200, paper=1200)
+steps = choose(tiny=120, book=1200, paper=1200)
 draws, errors, inside = {}, {}, np.abs(test_angles[:, 0]) <= checks.EXTREME
 which = np.digitize(np.degrees(test_angles[:, 0]), edges) - 1
 for name, weights in {"all alike": uniform, "your weights": training_weights_here(yaw)}.items():

@@ -728,7 +728,7 @@ def weights_of_a_place_in_the_list(yaw: Any) -> Any:
     return weights
 
 
-@wrong("training_weights", "two extreme poses of ten", "at least 0, got")
+@wrong("training_weights", "two extreme poses of ten", "of at least 0, got")
 def weights_below_0(yaw: Any) -> Any:
     known_of(yaw)
     weights = np.abs(yaw) - 0.1
