@@ -443,7 +443,7 @@ check_training_weights = Exercise(
             "at least, got": "Add up the weights of the extreme poses: are these the draws you "
             "wanted?",
             "of at least 0": "A probability is never below 0.",
-            "same yaw": "Only yaw may count, and not where in the list a cloud stands.",
+            "same weight": "Only yaw may count, and not where in the list a cloud stands.",
             "at most": "A network that never sees a face from the front will not know it.",
             "to the": "Is a driver who looks left the same as one who looks right?",
             "sum of 1": "Divide by the sum, at the end.",
