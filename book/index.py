@@ -48,7 +48,7 @@ draw.map_of_the_book()
 # | 1 | [Poses and cameras](01_poses_and_cameras.ipynb) | a pose, a camera, three classical solvers, and every metric of the five papers |
 # | 2 | [Three small worlds](02_small_worlds.ipynb) | a renderer from one triangle on, and the data of all later chapters |
 # | 3 | [Infrared to clouds](03_infrared_to_clouds.ipynb) | a point cloud from one infrared image |
-# | 4 | Points to pose | PointNet++, voting, and the pose of AR glasses on a head |
+# | 4 | [From a cloud to a pose](04_points_to_pose.ipynb) | PointNet++, voting, and the pose of AR glasses on a head |
 # | 5 | [Learnable rotations](05_learnable_rotations.ipynb) | what numbers a network should say for a rotation |
 # | 6 | Poses as sets | all objects of an image at once |
 # | 7 | Rotation invariance | features that do not change when the object turns |
@@ -59,10 +59,12 @@ draw.map_of_the_book()
 # Pages without a link are being written. Each chapter has exercises, and each exercise has a check
 # that answers at once: those of chapters [1](exercises/exercises_01_poses_and_cameras.ipynb),
 # [2](exercises/exercises_02_small_worlds.ipynb), [3](exercises/exercises_03_infrared_to_clouds.ipynb),
+# [4](exercises/exercises_04_points_to_pose.ipynb),
 # [5](exercises/exercises_05_learnable_rotations.ipynb) and
 # [8](exercises/exercises_08_vector_fields.ipynb), and their solutions,
 # [1](solutions/solutions_01_poses_and_cameras.ipynb), [2](solutions/solutions_02_small_worlds.ipynb),
 # [3](solutions/solutions_03_infrared_to_clouds.ipynb),
+# [4](solutions/solutions_04_points_to_pose.ipynb),
 # [5](solutions/solutions_05_learnable_rotations.ipynb) and [8](solutions/solutions_08_vector_fields.ipynb).
 #
 # ## How to run it
