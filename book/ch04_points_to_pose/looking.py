@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 import data_tools
+from book.ch03_infrared_to_clouds.drawing.views import bright
 from book.ch04_points_to_pose import cloud_sources as sources
 from book.ch04_points_to_pose import experiments, runs
 from book.ch04_points_to_pose import pose_training as training
@@ -139,7 +140,7 @@ def examples(trained: Trained) -> dict[str, Estimate]:
         T = data.T_world_cam[view].double()
         turn = T[:3, :3].mT @ R[row].double()
         place = T[:3, :3].mT @ (t[row].double() - T[:3, 3])
-        grey = data.image("ir", view)[..., None].repeat(3, -1)
+        grey = bright(data.image("ir", view))[..., None].repeat(3, -1)
         shown[f"{name}, {degrees[row]:.1f}°"] = Estimate(
             grey, data.K[view].numpy(), item.size, (item.R, item.t),
             (turn.numpy(), place.numpy()),
