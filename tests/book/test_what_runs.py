@@ -9,6 +9,7 @@ import ast
 import functools
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from book.tools.contents import Page, pages
@@ -67,7 +68,7 @@ def functions(path: Path) -> list[tuple[int, int, str]]:
 def test_what_a_measurement_runs_and_opens_is_known(page: Page, name: str, shared_cache: Path):
     _, measurements, trainings = declared(import_experiments(page))
     one = measurements.get(name) or trainings[name]
-    _, ran, opened = watched_run(page, name, shared_cache)
+    result, ran, opened = watched_run(page, name, shared_cache)
     worlds = {open_world(source, "tiny").world for source in one.data}
     known = [closure(*world.code, refusals=True) for world in worlds]
     assert (
@@ -78,6 +79,10 @@ def test_what_a_measurement_runs_and_opens_is_known(page: Page, name: str, share
     )
     assert len(ran) > 5
     assert opened == set(one.data)
+    if name in measurements:
+        claims = [c for c in import_experiments(page).CLAIMS if c.measurement == name]
+        assert claims and {side for c in claims for side in (c.favoured, c.other)} <= set(result)
+        assert all(np.isfinite(value) for value in result.values())
 
 
 @pytest.mark.parametrize("name", WORLDS)

@@ -59,19 +59,6 @@ def test_masks_by_thresholds_have_overlaps(shared_cache):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["gains", "light"])
-def test_claims_have_numbers_of_both_sides(name, shared_cache):
-    values = experiments.MEASUREMENTS[name].function(0)
-    claims = [claim for claim in experiments.CLAIMS if claim.measurement == name]
-    assert claims
-    assert {side for claim in claims for side in (claim.favoured, claim.other)} <= set(values)
-    for key, value in values.items():
-        assert np.isfinite(value), key
-        if key.metric == "overlap":
-            assert 0 <= value <= 100, key
-
-
-@pytest.mark.slow
 def test_overlaps_lost_are_differences(shared_cache):
     values = threshold_masks.measure_gains(1)
     assert len(values) == 3 * (6 + 3)

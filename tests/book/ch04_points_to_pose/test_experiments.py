@@ -58,15 +58,6 @@ def test_every_claim_is_measured():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(experiments.MEASUREMENTS))
-def test_claims_have_finite_numbers_of_both_sides(name, shared_cache):
-    values = experiments.MEASUREMENTS[name].function(0)
-    claims = [claim for claim in experiments.CLAIMS if claim.measurement == name]
-    assert {side for claim in claims for side in (claim.favoured, claim.other)} <= set(values)
-    assert values and all(np.isfinite(value) and value >= 0 for value in values.values())
-
-
-@pytest.mark.slow
 def test_views_that_are_learned_from(shared_cache):
     data, truth = training.stack("crowd"), training.true_poses("crowd")
     every = training.chosen_views(Views(drivers=1.0), 0)
@@ -149,8 +140,11 @@ def test_numbers_of_a_run_are_those_of_its_errors(shared_cache):
     assert np.dot(each, shares) == pytest.approx(values[key("constant", "rotation")])
 
 
-@pytest.mark.slow
-def test_single_is_the_mean_over_glasses(shared_cache):
+def test_single_is_the_mean_over_glasses(monkeypatch):
+    def measure(names, seed):
+        return {key(n, "MAE", g): float(len(n) + len(g)) for n in names for g in ("", *GLASSES)}
+
+    monkeypatch.setattr(experiments, "_measure", measure)
     values = experiments.measure_unseen(0)
     each = [values[key(f"p2p, without {name}", "MAE", name)] for name in GLASSES]
     assert values[key("p2p, unseen", "MAE")] == pytest.approx(np.mean(each))
