@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from book.ch04_points_to_pose.runs import key
+from book.tools.claims import Claim
 from book.tools.keys import Key
 from data_tools.shapes import GLASSES
 from posecore.arrays import fail
 from posecore.methods.points_to_pose.evaluation import ANGLES, AXES, METRICS
 
-__all__ = ["Table", "orientation", "position", "reduction"]
+__all__ = ["Table", "not_measured", "orientation", "position", "reduction"]
 
 Numbers = Mapping[Key, np.ndarray]
 METHODS = {
@@ -86,6 +87,12 @@ def _cells(
         spread = f" ± {values.std(ddof=1):.2g}" if len(values) > 1 and values.std() > 0 else ""
         cells.append(f"{values.mean():.3g}{spread}")
     return cells
+
+
+def not_measured(claims: Sequence[Claim]) -> Table:
+    """Claims that no ledger answers yet, and where they stand in the paper."""
+    rows = [[claim.statement, claim.source, claim.measurement] for claim in claims]
+    return Table(["claim, not measured yet", "where it stands", "measurement"], rows)
 
 
 def reduction(numbers: Numbers, ours: str, theirs: str, metric: str) -> tuple[float, float]:

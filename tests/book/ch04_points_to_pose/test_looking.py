@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from book.ch04_points_to_pose import looking, runs, tables
+from book.ch04_points_to_pose import experiments, looking, runs, tables
 from book.ch04_points_to_pose import pose_training as training
 from book.ch04_points_to_pose.pose_training import Trained
 from book.ch04_points_to_pose.runs import key
@@ -91,3 +91,9 @@ def test_reductions_are_by_seed():
     assert mean == pytest.approx(62.5) and spread == pytest.approx(np.std([50, 75], ddof=1))
     with pytest.raises(ValueError, match="numbers"):
         tables.reduction(numbers, "a", "c", "MAE")
+
+
+def test_claims_that_are_not_measured_are_named():
+    text = tables.not_measured(experiments.NOT_MEASURED)._repr_markdown_()
+    for claim in experiments.NOT_MEASURED:
+        assert f"| {claim.statement} | {claim.source} | {claim.measurement} |" in text
