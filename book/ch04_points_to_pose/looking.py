@@ -173,7 +173,8 @@ def moved_by(trained: Trained, count: int) -> dict[str, Moved]:
     """What the network says of whole clouds, without the glasses, and of the glasses alone.
 
     Clouds are drawn of many points first, so that each part has enough. All keep the centre of the
-    whole cloud: only what is missing differs.
+    whole cloud. Points are drawn anew each time, so there are two controls: the whole cloud drawn
+    again, and without as many points of the head as the glasses have.
 
     Args:
         trained: the network.
@@ -186,7 +187,14 @@ def moved_by(trained: Trained, count: int) -> dict[str, Moved]:
     points, worn = clouds.points[few], clouds.worn[few]
     centre = points.mean(1, keepdim=True)
     generator = torch.Generator().manual_seed(0)
-    parts = {"whole": torch.ones_like(worn), "without glasses": ~worn, "glasses alone": worn}
+    order = (torch.rand(worn.shape, generator=generator) + worn).argsort(1).argsort(1)
+    parts = {
+        "whole": torch.ones_like(worn),
+        "drawn anew": torch.ones_like(worn),
+        "without as much of the head": order >= worn.sum(1, keepdim=True),
+        "without glasses": ~worn,
+        "glasses alone": worn,
+    }
     found: dict[str, Any] = {}
     for name, mask in parts.items():
         # Of what is left so many points are drawn, some twice where fewer are left.

@@ -75,6 +75,7 @@ def random_bins(classes: Tensor, probabilities: Tensor, true: float, found: floa
     axes.axvline(true, color="0.35", label="true")
     axes.axvline(found, color=COLOURS[1], linestyle="--", label="mean of all sets")
     axes.set(xlabel="yaw, degrees", ylabel="set of classes", yticks=range(len(values)))
+    axes.set_ylim(-0.6, len(values) - 0.4)
     axes.invert_yaxis()
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure

@@ -91,7 +91,7 @@ def vote_arrows(
     cloud: Points,
     seeds: Points,
     votes: Points,
-    found: Points | None = None,
+    true: Points | None = None,
     *,
     which: Sequence[int] = (0,),
     most: int = 40,
@@ -102,7 +102,7 @@ def vote_arrows(
         cloud: (N, 3) metres.
         seeds: (S, 3) metres, in the same frame.
         votes: (S, K, 3) metres, as of one cloud in `Prediction.votes`.
-        found: (K, 3) metres, what the votes come to, as in `Prediction.keypoints`, or the truth.
+        true: (K, 3) metres, where the keypoints truly are.
         which: numbers of the keypoints whose votes are drawn.
         most: seeds that are drawn; the first ones, which farthest point sampling has spread.
 
@@ -117,12 +117,12 @@ def vote_arrows(
     drawn = {f"votes for keypoint {k}": arrows(seeds[:most], votes[:most, k]) for k in which}
     colours = dict(zip(drawn, (COLOURS[1], COLOURS[3], COLOURS[2], INK), strict=False))
     points = {"cloud": cloud, "seeds": seeds[:most]}
-    if found is not None:
-        points["keypoints"] = to_floats("found", found, votes.shape[1], 3)[list(which)]
+    if true is not None:
+        points["true keypoint"] = to_floats("true", true, votes.shape[1], 3)[list(which)]
     return Viewer(
         points, lines=drawn, up="-y", unit="cm",
         colours={"cloud": "#b0b0b0", "seeds": COLOURS[0], **colours}
-        | ({"keypoints": INK} if found is not None else {}),
+        | ({"true keypoint": INK} if true is not None else {}),
         alt=f"A cloud of a head with glasses; arrows lead from {min(most, len(seeds))} seeds to "
         f"where each thinks that keypoint {', '.join(map(str, which))} is.",
     )  # fmt: skip
@@ -183,9 +183,11 @@ def double_cover(
     )  # fmt: skip
     panels = figure.subplots(1, len(losses) + 1, width_ratios=[3] * len(losses) + [3.6])
     circle = np.linspace(0, 2 * np.pi, 200)
-    few = np.arange(0, len(angles), max(1, len(angles) // 16))
+    few = np.arange(0, len(angles) - 1, max(1, len(angles) // 16))
     for axes, (label, pull) in zip(panels, pulls.items(), strict=False):
-        pull = to_floats("pulls", pull, len(angles))
+        # Where the loss is 0 the push is rounding.
+        near = to_floats("losses", losses[label], len(angles)) < 1e-3
+        pull = np.where(near, 0, to_floats("pulls", pull, len(angles)))
         axes.plot(np.cos(circle), np.sin(circle), color="0.75", lw=1)
         place = np.stack([np.cos(angles), np.sin(angles)])[:, few]
         along = np.stack([-np.sin(angles), np.cos(angles)])[:, few]

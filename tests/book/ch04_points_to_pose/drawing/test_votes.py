@@ -39,10 +39,10 @@ def test_votes_of_the_keypoints_asked_for_are_drawn():
     viewer = votes.vote_arrows(SEEDS, SEEDS, VOTES, VOTES.mean(0), which=(0, 2), most=3)
     parts = {part["label"]: part for part in viewer.payload()["parts"]}
     assert list(parts) == [
-        "cloud", "seeds", "keypoints", "votes for keypoint 0", "votes for keypoint 2",
+        "cloud", "seeds", "true keypoint", "votes for keypoint 0", "votes for keypoint 2",
     ]  # fmt: skip
     assert "from 3 seeds" in viewer.alt and "keypoint 0, 2" in viewer.alt
-    assert "keypoints" not in votes.vote_arrows(SEEDS, SEEDS, VOTES).still.alt
+    assert "true keypoint" not in votes.vote_arrows(SEEDS, SEEDS, VOTES).still.alt
     with pytest.raises(ValueError, match="which"):
         votes.vote_arrows(SEEDS, SEEDS, VOTES, which=(4,))
     with pytest.raises(ValueError, match="votes"):
