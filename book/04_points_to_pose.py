@@ -19,7 +19,7 @@ import torch
 
 import data_tools
 from book.ch03_infrared_to_clouds.drawing import views
-from book.ch04_points_to_pose import looking, tables
+from book.ch04_points_to_pose import later, looking, tables
 from book.ch04_points_to_pose import pose_training as training
 from book.ch04_points_to_pose.drawing import race, sets, votes
 from data_tools.shapes import GLASSES, make_glasses, make_subject
@@ -36,6 +36,7 @@ from posecore.methods.random_bins import network
 from posecore.nets import pointnet2
 from posecore.scale import choose, scale
 
+# %%
 torch.set_num_threads(choose(tiny=1, book=2, paper=2))  # a test at tiny has one core
 few = data_tools.open("headset", split="test", whole=False)  # makes only what is looked at
 driver = few[3 * 4 + 1]  # the centre camera's view of the fifth instant
@@ -998,6 +999,12 @@ ledger_table(rows)
 # %% [markdown]
 # TEXT
 #
+# What is ready to be measured and has not been, for want of hours:
+
+# %%
+tables.not_measured(later.NOT_MEASURED)
+
+# %% [markdown]
 # ## What you can do now
 #
 # - Build PointNet++ from its three operators, and say what each is blind to.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from book.ch04_points_to_pose import experiments, looking, runs, tables
+from book.ch04_points_to_pose import later, looking, runs, tables
 from book.ch04_points_to_pose import pose_training as training
 from book.ch04_points_to_pose.pose_training import Trained
 from book.ch04_points_to_pose.runs import key
@@ -96,6 +96,6 @@ def test_reductions_are_by_seed():
 
 
 def test_claims_that_are_not_measured_are_named():
-    text = tables.not_measured(experiments.NOT_MEASURED)._repr_markdown_()
-    for claim in experiments.NOT_MEASURED:
+    text = tables.not_measured(later.NOT_MEASURED)._repr_markdown_()
+    for claim in later.NOT_MEASURED:
         assert f"| {claim.statement} | {claim.source} | {claim.measurement} |" in text
