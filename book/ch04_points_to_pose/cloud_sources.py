@@ -33,7 +33,7 @@ from posecore.training import fit
 __all__ = ["KEPT", "crossed", "cut", "estimated", "estimated_places"]
 
 KEPT = (0.5, 1.0)
-"""What share of a cloud's extent is left of it at least and at most where it is cut."""
+"""What share of a cloud's points is left of it at least and at most where it is cut."""
 
 
 @lru_cache(maxsize=2)
@@ -113,7 +113,8 @@ def halves(seed: int) -> tuple[tuple[CloudNet, CloudNet], Tensor, Recipe]:
     """
     data, recipe = stack(CROWD), chapter3.compared()
     drivers = data.scene_id.unique()
-    generator = torch.Generator().manual_seed(seed)
+    # Another draw than that of the drivers that poses are learned from.
+    generator = torch.Generator().manual_seed(seed + 1000)
     second = drivers[torch.randperm(len(drivers), generator=generator)[: len(drivers) // 2]]
     seen_by = torch.isin(data.scene_id, second).long()
     triples = chapter3.triples_for(recipe, CROWD)

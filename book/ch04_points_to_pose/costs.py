@@ -1,4 +1,4 @@
-"""What a pose costs: time of a forward pass at the paper's sizes, and of a step at the book's."""
+"""What a pose costs at the paper's sizes, and a step of a training at the book's."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from functools import partial
 from statistics import median
 
 import torch
+from torch import Tensor
+from torch.nn.functional import normalize
 
+from book.ch04_points_to_pose import pose_training as training
 from book.tools.keys import Key
 from posecore.methods.cloudpose.recipe import RECIPES as CLOUDPOSE
 from posecore.methods.points_to_pose.centred_clouds import pose_of_clouds
@@ -44,14 +47,36 @@ def measure(seed: int) -> dict[Key, float]:
     values = {}
     for name, recipe in recipes.items():
         net = recipe.new_net(seed).eval()
-        generator = torch.Generator().manual_seed(seed)
-        directions = torch.randn(1, recipe.points, 3, generator=generator)
-        points = 0.1 * torch.nn.functional.normalize(directions, dim=-1)
+        points = _spheres(1, recipe.points, seed)
         with torch.no_grad():
             whole = milliseconds(partial(pose_of_clouds, net, points), repeats)
             after = milliseconds(partial(net.pose, net.geometry(points)), repeats)
         values[Key(f"{name}, paper", "test", "time")] = whole
         values[Key(f"{name}, paper", "test", "time, geometry known")] = after
+        values[Key(f"{name}, book", "test", "time of a step")] = _step(name, seed, repeats)
         count = sum(p.numel() for p in net.parameters())
         values[Key(f"{name}, paper", "test", "weights")] = count / 1e6
     return values
+
+
+def _spheres(clouds: int, count: int, seed: int) -> Tensor:
+    """(B, N, 3) metres, points on spheres about as large as a head."""
+    generator = torch.Generator().manual_seed(seed)
+    return 0.1 * normalize(torch.randn(clouds, count, 3, generator=generator), dim=-1)
+
+
+def _step(method: str, seed: int, repeats: int) -> float:
+    """Milliseconds of a step of a training at the book's sizes, geometry known."""
+    recipe = training.at_book_size(method)
+    net, loss = recipe.new_net(seed).train(), recipe.new_loss()
+    geometry = net.geometry(_spheres(recipe.batch, recipe.points, seed))
+    R, t = torch.eye(3).expand(recipe.batch, 3, 3), torch.zeros(recipe.batch, 3)
+    batch = {"R": R, "t": t, **geometry.tensors()}
+    optimiser = recipe.optimiser(net.parameters(), lr=recipe.lr)
+
+    def step() -> None:
+        optimiser.zero_grad()
+        loss(net, batch)["loss"].backward()
+        optimiser.step()
+
+    return milliseconds(step, repeats)

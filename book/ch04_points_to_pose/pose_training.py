@@ -20,6 +20,7 @@ from torch import Tensor, nn
 import data_tools
 from data_tools import batches
 from data_tools.worlds.redrawn import Redrawn
+from posecore.arrays import fail, require_number
 from posecore.methods.cloudpose.recipe import RECIPES as CLOUDPOSE
 from posecore.methods.infrared.triples import first_rows
 from posecore.methods.points_to_pose.centred_clouds import predict_poses
@@ -166,6 +167,12 @@ class Views:
     share: float = 1.0
     even: bool = False
     drivers: float = 0.8
+
+    def __post_init__(self) -> None:
+        require_number("share", self.share, above=0, high=1)
+        require_number("drivers", self.drivers, above=0, high=1)
+        if not set(self.glasses) <= {1, 2, 3, 4}:
+            fail("glasses", "numbers from 1 to 4", self.glasses)
 
 
 def chosen_views(which: Views, seed: int, split: str = CROWD) -> Tensor:

@@ -546,7 +546,7 @@ assert np.mean(drawn["BMAE"]) > np.mean(drawn["MAE"])
 # There are many answers. A check asks for what must hold:
 #
 # - Weights are at least 0, and their sum is 1. Where yaw is `nan`, the weight is 0; all others are
-#   drawn at least sometimes.
+#   drawn at least sometimes: a thousandth as often as if all were alike, or more.
 # - *Extreme* is a yaw of more than 40 degrees to either side (`checks.EXTREME`, radians). Together,
 #   extreme clouds make at least 30 % of the draws, and never less than they did. Neither left nor
 #   right becomes rarer.

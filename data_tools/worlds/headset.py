@@ -54,6 +54,7 @@ from posecore.rotations import matrix_to_euler, require_rotation
 
 __all__ = [
     "CAMERAS",
+    "GLASSES_SCALES",
     "HEAD",
     "SUBJECTS",
     "WORLD",
@@ -61,13 +62,15 @@ __all__ = [
     "draw",
     "foreground",
     "head_angles",
+    "require_glasses_scale",
 ]
 
 CAMERAS = ("left", "centre", "right")  # as they lie in the image of the centre camera
 HEAD = 5  # the object id of the head
 
 DEPTH_STEP = 1e-4  # metres
-GLASSES_SCALES = (0.7, 1.4)  # smaller ones would be within the head, larger ones beside it
+GLASSES_SCALES = (0.7, 1.4)
+"""Of `draw`: smaller glasses would be within the head, larger ones beside it."""
 # Where the lens of each camera is in the car, and where it looks.
 _EYES = ((-0.36, 0.03, -0.68), (0.0, 0.09, -0.76), (0.36, 0.03, -0.68))
 _TARGET = (0.0, 0.01, 0.02)
@@ -131,6 +134,12 @@ def foreground(view: View) -> np.ndarray:
     return np.logical_or.reduce(masks)
 
 
+def require_glasses_scale(value: float) -> float:
+    """Return a `glasses_scale` for `draw`, or refuse it; 0.7 in float32 is a little less."""
+    value = require_number("glasses_scale", value)
+    return require_number("glasses_scale", round(value, 6), *GLASSES_SCALES)
+
+
 def _glasses(view: View) -> ObjectView:
     for item in view.objects:
         if item.object_id < HEAD:
@@ -177,13 +186,13 @@ def draw(
     require_choice("light", light, ("infrared", "visible"))
     if light == "visible" and lamp != 1:
         fail("lamp", "1, as infrared lamps are no visible light", lamp)
-    require_number("glasses_scale", glasses_scale, *GLASSES_SCALES)
+    glasses_scale = require_glasses_scale(glasses_scale)
     rng = generator(recipe, index)
     instant = draw_instant(rng, split, index)
     if daylight is not None:
         instant = replace(instant, daylight=require_number("daylight", daylight, 0, 1))
     if glasses_scale != 1:
-        other = worn_scaled(instant.glasses, float(glasses_scale))
+        other = worn_scaled(instant.glasses, glasses_scale)
         instant = replace(instant, objects=(other, *instant.objects[1:]))
     size = recipe["width"], recipe["height"]
     if light == "infrared":

@@ -12,10 +12,10 @@ from typing import Any
 
 from data_tools.shapes.mesh import Mesh
 from data_tools.views import Dataset, View
-from data_tools.worlds.headset import CAMERAS, WORLD, draw
+from data_tools.worlds.headset import CAMERAS, WORLD, draw, require_glasses_scale
 from data_tools.worlds.headset_scenes import worn_scaled
 from data_tools.worlds.world import WorldModels
-from posecore.arrays import require_integer
+from posecore.arrays import fail, require_integer
 
 __all__ = ["Redrawn"]
 
@@ -35,6 +35,9 @@ class Redrawn(Dataset):
 
     def __init__(self, indices: Iterable[int], **conditions: Any) -> None:
         self.indices = [require_integer("indices", index, 0) for index in indices]
+        if len(set(self.indices)) < len(self.indices):
+            fail("indices", "each instant once", self.indices)
+        require_glasses_scale(conditions.get("glasses_scale", 1.0))
         self.conditions = conditions
         self._last: tuple[int, list[View]] = (-1, [])
 
@@ -54,7 +57,7 @@ class Redrawn(Dataset):
 
     def models(self) -> WorldModels:
         """The glasses' meshes and what is known of their shape."""
-        scale = float(self.conditions.get("glasses_scale", 1.0))
+        scale = require_glasses_scale(self.conditions.get("glasses_scale", 1.0))
         if scale == 1:
             return WORLD.models
         return WorldModels({number: partial(_scaled, number, scale) for number in WORLD.models.ids})

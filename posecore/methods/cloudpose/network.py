@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from posecore.arrays import fail, require_number
+from posecore.arrays import fail, require_finite, require_number
 from posecore.nets.pointnet2 import Geometry, shared_mlp
 from posecore.nets.rotation_heads import RotationHead
 
@@ -93,10 +93,11 @@ class CloudPose(nn.Module):
             points: (B, N, 3) metres; the original takes 256.
 
         Raises:
-            ValueError: for another shape.
+            ValueError: for another shape, or numbers that are not finite.
         """
         if points.ndim != 3 or points.shape[-1] != 3 or not points.shape[1]:
             fail("points", "shape (B, N, 3), N at least 1", f"shape {tuple(points.shape)}")
+        require_finite("points", points)
         mean = points.mean(1, keepdim=True)
         x = (points - mean) / self.unit
         return CloudPoseOutput(self.rotation(x), mean[:, 0] + self.unit * self.translation(x))
@@ -130,6 +131,8 @@ def cloudpose_loss(
     """
     if t.shape != said.t.shape:
         fail("t", f"shape {tuple(said.t.shape)}", f"shape {tuple(t.shape)}")
+    if R.shape != (len(t), 3, 3) or not len(t):
+        fail("R", f"shape ({len(t)}, 3, 3), at least one", f"shape {tuple(R.shape)}")
     require_number("weight", weight, 0)
     rotation = _ROTATION.loss(said.axis_angle, R).mean()
     translation = torch.linalg.vector_norm(said.t - t, dim=-1).mean()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from posecore.arrays import fail, require_integer
+from posecore.arrays import fail, require_finite, require_integer
 from posecore.rotations import mean_rotation
 
 __all__ = ["ConstantPose"]
@@ -33,6 +33,7 @@ class ConstantPose:
         """
         if t.ndim != 2 or t.shape != (len(R), 3) or not len(R):
             fail("t", f"shape ({len(R)}, 3), at least one", f"shape {tuple(t.shape)}")
+        require_finite("t", t)
         return cls(mean_rotation(R), t.mean(0))
 
     def __call__(self, count: int) -> tuple[Tensor, Tensor]:

@@ -44,7 +44,7 @@ class CloudEstimator:
         objects: that it was trained on.
         clouds: those that were predicted; None for the points that are truly visible, by the data's
             depth and masks.
-        seed: of what is drawn.
+        seed: of what is drawn, for one view after the other.
     """
 
     def __init__(
@@ -98,6 +98,8 @@ class CloudEstimator:
         if row is None:
             fail("--clouds", f"a cloud of {view}", "none")
         clouds = self.clouds
+        if not np.array_equal(clouds.T_world_cam[row].numpy(), view.T_world_cam):
+            fail("--clouds", f"a cloud of the camera of {view}", "one of another pose")
         points = clouds.points[row].double() + clouds.t[row].double()
         chosen = self._rng.choice(len(points), self.points, replace=False)
         return points[chosen].numpy()

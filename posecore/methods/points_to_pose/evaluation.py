@@ -11,10 +11,9 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from torch import Tensor
 
-from posecore.arrays import fail, require_number
+from posecore.arrays import fail, require_finite, require_number
 from posecore.metrics.pose_errors import rotation_error
 from posecore.metrics.summaries import (
     angle_difference,
@@ -69,6 +68,10 @@ class PoseErrors:
             ValueError: if there are none.
         """
         chosen = np.asarray(chosen)
+        if chosen.ndim != 1 or chosen.dtype.kind not in "bi" or not chosen.size:
+            fail("chosen", "booleans (V,) or numbers", f"{chosen.dtype} {chosen.shape}")
+        if chosen.dtype.kind == "b" and len(chosen) != len(self):
+            fail("chosen", f"{len(self)} booleans", len(chosen))
         part = PoseErrors(**{f.name: getattr(self, f.name)[chosen] for f in fields(self)})
         if not len(part):
             fail("chosen", "one pose or more", "none")
@@ -106,12 +109,13 @@ class PoseErrors:
         """
         if angle not in ANGLES:
             fail("angle", f"one of {', '.join(ANGLES)}", repr(angle))
-        width = require_number("width", width, above=0)
+        width = require_number("width", width, 1e-3, 180)
         k = ANGLES.index(angle)
         errors, true = np.rad2deg(np.abs(self.angles[:, k])), np.rad2deg(np.abs(self.true[:, k]))
-        number = np.floor(true / width + 1e-9).astype(int)
+        last = int(np.ceil(180 / width - 1e-9)) - 1  # which includes its end, as in the metric
+        number = np.minimum(np.floor(true / width + 1e-9).astype(int), last)
         return [
-            AngleBin(b * width, int((number == b).sum()), float(errors[number == b].mean()))
+            AngleBin(float(b * width), int((number == b).sum()), float(errors[number == b].mean()))
             for b in np.unique(number)
         ]
 
@@ -126,17 +130,19 @@ def pose_errors(R_est: Tensor, t_est: Tensor, R_gt: Tensor, t_gt: Tensor) -> Pos
     Raises:
         ValueError: if shapes differ, there are no poses, or something is no rotation or not finite.
     """
-    for name, value in (("t_est", t_est), ("R_gt", R_gt), ("t_gt", t_gt)):
-        shape = (len(R_est), 3, 3) if name == "R_gt" else (len(R_est), 3)
+    given = {"R_est": R_est, "t_est": t_est, "R_gt": R_gt, "t_gt": t_gt}
+    for name, value in given.items():
+        if not isinstance(value, Tensor):
+            fail(name, "a tensor", type(value).__name__)
+        shape = (len(R_est), 3, 3) if name.startswith("R") else (len(R_est), 3)
         if value.shape != shape or not len(R_est):
             fail(name, f"shape {shape}, at least one", f"shape {tuple(value.shape)}")
-        if not torch.as_tensor(value).isfinite().all():
-            fail(name, "finite numbers", "others")
-    R_est, R_gt = R_est.double(), R_gt.double()
+        require_finite(name, value)
+    R_est, t_est, R_gt, t_gt = (value.detach().double() for value in given.values())
     true = matrix_to_euler(R_gt)
     return PoseErrors(
         angles=angle_difference(matrix_to_euler(R_est), true).numpy(),
         true=true.numpy(),
         rotation=rotation_error(R_est, R_gt).numpy(),
-        offset=(t_est.double() - t_gt.double()).numpy(),
+        offset=(t_est - t_gt).numpy(),
     )

@@ -77,6 +77,11 @@ class PoseLoss:
         Raises:
             ValueError: if something is missing or has another shape.
         """
+        _require("R", R, (len(said.rotation), 3, 3))
+        if not len(R):
+            fail("R", "one rotation or more", "none")
+        if said.t is not None:
+            _require("said.t", said.t, (len(R), 3))
         parts = {"rotation": self._of_rotation(said.rotation, R)}
         if said.t is not None or said.votes is not None:
             _require("t", t, (len(R), 3))

@@ -148,7 +148,13 @@ def visible_points(
     Returns:
         (N, 3) metres in the camera's frame, and the rows and columns of their pixels, (N,) each;
         None, and nothing drawn, if nothing is seen.
+
+    Raises:
+        ValueError: for a mask of another shape, or a number that cannot be.
     """
+    if mask.shape != depth.shape:
+        fail("mask", f"shape {depth.shape}, that of depth", f"shape {mask.shape}")
+    require_integer("count", count, 1)
     depth = np.where(mask, depth, np.float32(0))
     seen = np.nonzero(depth > 0)
     if not len(seen[0]):

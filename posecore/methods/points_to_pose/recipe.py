@@ -60,7 +60,8 @@ class CloudRecipe(FitNumbers):
     ) -> Batches:
         """The batches of a training; `steps` and `batch` are the recipe's if they are not given."""
         return Batches(
-            clouds.draw, None, batch or self.batch, steps=steps or self.steps, seed=seed,
+            clouds.draw, None, self.batch if batch is None else batch,
+            steps=self.steps if steps is None else steps, seed=seed,
             turn=self.turn,
         )  # fmt: skip
 

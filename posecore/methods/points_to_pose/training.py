@@ -26,6 +26,7 @@ from posecore.methods.points_to_pose.runs import CloudRun, PointsToPoseRun
 from posecore.methods.sources import open_source
 from posecore.methods.training import Job, chosen_objects
 
+GLASSES_IDS = (1, 2, 3, 4)  # of `headset` and `hmdpose`
 __all__ = ["clouds_of", "open_clouds", "train", "train_on_clouds"]
 
 
@@ -67,7 +68,11 @@ def train_on_clouds(
 
 def _prepared(options: argparse.Namespace, job: Job, recipe: Any) -> CentredClouds:
     clouds = open_clouds(options, job.scale, recipe.points, job.first)
-    objects = chosen_objects(options, clouds.object_id.unique().tolist())
+    known = clouds.object_id.unique().tolist()
+    if not set(known) <= set(GLASSES_IDS):
+        words = f"glasses on a head, objects {GLASSES_IDS[0]} to {GLASSES_IDS[-1]}"
+        fail("--data", words, f"objects {known}")
+    objects = chosen_objects(options, known)
     return recipe.prepared(clouds.only(torch.isin(clouds.object_id, torch.tensor(objects))))
 
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from data_tools.shapes.glasses import GLASSES, make_glasses
 from data_tools.shapes.heads import make_subject
-from posecore.arrays import fail, require_choice, require_integer
+from posecore.arrays import fail, require_choice, require_finite, require_integer
 from posecore.models import model_keypoints
 from posecore.registration import umeyama
 
@@ -65,11 +65,13 @@ def robust_mean(votes: Tensor, iterations: int = 1) -> Tensor:
         (B, K, 3).
 
     Raises:
-        ValueError: if `votes` has another shape, or `iterations` is no integer of at least 0.
+        ValueError: if `votes` has another shape or is not finite, or `iterations` is no integer of
+            at least 0.
     """
     require_integer("iterations", iterations, 0)
     if votes.ndim != 4 or votes.shape[-1] != 3 or not votes.shape[1]:
         fail("votes", "shape (B, S, K, 3) with S of at least 1", f"shape {tuple(votes.shape)}")
+    require_finite("votes", votes)
     if not iterations:
         return votes.mean(1)
     found = votes.detach().median(1).values

@@ -8,7 +8,7 @@ from __future__ import annotations
 import torch.nn.functional as F
 from torch import Tensor
 
-from posecore.arrays import fail
+from posecore.arrays import fail, require_finite
 from posecore.methods.random_bins.network import PictureRegression, PoseNumbers, RandomBins
 
 __all__ = ["bins_loss", "nearest_bins", "regression_loss"]
@@ -29,6 +29,7 @@ def nearest_bins(values: Tensor, classes: Tensor) -> Tensor:
     """
     if values.ndim != 2 or values.shape[1] != len(classes):
         fail("values", f"shape (B, {len(classes)})", f"shape {tuple(values.shape)}")
+    require_finite("values", values)
     return (values[:, :, None, None] - classes).abs().argmin(-1)
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from posecore.arrays import fail, require_choice, require_integer, require_number
+from posecore.arrays import fail, require_choice, require_finite, require_integer, require_number
 from posecore.nets.bottleneck import BottleneckResNet
 from posecore.nets.resnet import ResNet
 from posecore.rotations import euler_to_matrix, matrix_to_euler
@@ -86,6 +86,8 @@ def draw_bins(
     if low.ndim != 1 or low.shape != high.shape or len(low) != len(steps):
         shapes = f"shapes {tuple(low.shape)}, {tuple(high.shape)} and ({len(steps)},)"
         fail("low, high and steps", "one shape (n,)", shapes)
+    for name, value in (("low", low), ("high", high)):
+        require_finite(name, value)
     found = []
     for i, step in enumerate(steps):
         step = require_number(f"steps[{i}]", step, above=0)
@@ -126,6 +128,7 @@ class _Picture(nn.Module):
 
     def _code(self, images: Tensor) -> Tensor:
         """(B, features)."""
+        require_finite("images", images)
         maps = self.trunk((images - self.mean) / self.std)
         return (maps if isinstance(maps, Tensor) else maps[-1]).mean((-2, -1)).float()
 

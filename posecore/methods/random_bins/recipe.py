@@ -113,8 +113,9 @@ class Recipe(FitNumbers):
         seed: int = 0,
     ) -> Batches:
         """The batches of a training; `steps` and `batch` are the recipe's if they are not given."""
-        count = batch or self.batch
-        return Batches(pictures.draw, None, count, steps=steps or self.steps, seed=seed)
+        count = self.batch if batch is None else batch
+        steps = self.steps if steps is None else steps
+        return Batches(pictures.draw, None, count, steps=steps, seed=seed)
 
     def new_loss(self) -> PictureLoss:
         """The loss of a step."""

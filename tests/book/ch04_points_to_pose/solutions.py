@@ -354,7 +354,7 @@ def loss_with_a_fixed_length(outputs: Any, q: Any) -> Tensor:
     return signed(outputs / lengths.clamp(min=1e-12), q).mean()
 
 
-@wrong("quaternion_loss", "an output that is exactly right", "not the gradient")
+@wrong("quaternion_loss", "an output that is exactly right", "nan")
 def loss_by_a_root_of_its_own(outputs: Any, q: Any) -> Tensor:
     p = F.normalize(outputs, dim=-1)
     near = torch.minimum((p - q).square().sum(-1), (p + q).square().sum(-1))
@@ -364,6 +364,13 @@ def loss_by_a_root_of_its_own(outputs: Any, q: Any) -> Tensor:
 @wrong("quaternion_loss", "an output of four zeros", "nan")
 def loss_of_0_by_0(outputs: Any, q: Any) -> Tensor:
     return signed(outputs / torch.linalg.vector_norm(outputs, dim=-1, keepdim=True), q).mean()
+
+
+@wrong("quaternion_loss", "an output of four zeros", "nan")
+def loss_that_hides_0_by_0(outputs: Any, q: Any) -> Tensor:
+    lengths = torch.linalg.vector_norm(outputs, dim=-1, keepdim=True)
+    p = torch.where(lengths > 0, outputs / lengths, torch.zeros((), dtype=outputs.dtype))
+    return signed(p, q).mean()
 
 
 # 4. From votes to a pose --------------------------------------------------------------------------
@@ -575,6 +582,16 @@ def bins_with_rounded_edges(estimated: Any, true: Any, bin_width: float) -> Any:
     return binned(estimated, true, bin_width, bins=np.floor(np.abs(true) / bin_width))
 
 
+@wrong("error_bins", "an angle just below an edge", "in result [0]")
+def bins_with_a_wide_tolerance(estimated: Any, true: Any, bin_width: float) -> Any:
+    return binned(estimated, true, bin_width, bins=np.floor(np.abs(true) / bin_width + 1e-3))
+
+
+@wrong("error_bins", "61 bins, the last one in use", "in result [0] expected shape")
+def bins_that_are_one_too_many(estimated: Any, true: Any, bin_width: float) -> Any:
+    return binned(estimated, true, bin_width, size=int(np.ceil(np.pi / bin_width)))
+
+
 @wrong("error_bins", "bins of 5 degrees", "in result [0] expected shape")
 def bins_of_a_quarter_of_pi(estimated: Any, true: Any, bin_width: float) -> Any:
     return binned(estimated, true, np.pi / 4)
@@ -661,18 +678,25 @@ def weights_all_alike(yaw: Any) -> Any:
     return known_of(yaw) / known_of(yaw).sum()
 
 
-@wrong("training_weights", "two extreme poses of ten", "at most, got 1")
-def weights_of_extremes_alone(yaw: Any) -> Any:
+@wrong("training_weights", "two extreme poses of ten", "at most, got 0.99")
+def weights_of_extremes_above_all(yaw: Any) -> Any:
     known_of(yaw)
-    weights = np.where(np.abs(yaw) > LIMIT, 1.0, 1e-9 * np.isfinite(yaw))
+    weights = np.where(np.abs(yaw) > LIMIT, 1.0, 1e-3 * np.isfinite(yaw))
     return weights / weights.sum()
 
 
-@wrong("training_weights", "two extreme poses of ten", "never drawn")
+@wrong("training_weights", "two extreme poses of ten", "hardly ever drawn")
 def weights_of_0_for_the_usual(yaw: Any) -> Any:
     known_of(yaw)
     extreme = np.abs(yaw) > LIMIT
     return extreme / max(extreme.sum(), 1)
+
+
+@wrong("training_weights", "two extreme poses of ten", "hardly ever drawn")
+def weights_of_next_to_nothing_for_the_usual(yaw: Any) -> Any:
+    known = known_of(yaw)
+    weights = np.where(np.abs(yaw) > LIMIT, 1.0, 1e-12) * known
+    return weights / weights.sum()
 
 
 @wrong("training_weights", "two extreme poses of ten", "expected a sum of 1")

@@ -85,6 +85,12 @@ def test_views_that_are_learned_from(shared_cache):
     assert not torch.equal(quarter, training.chosen_views(Views(share=0.25), 1))
 
 
+@pytest.mark.parametrize("values", [{"share": 0}, {"share": 2}, {"drivers": 0}, {"glasses": (9,)}])
+def test_views_that_cannot_be(values):
+    with pytest.raises(ValueError, match=next(iter(values))):
+        Views(**values)
+
+
 @pytest.mark.slow
 def test_even_views_look_further_aside(monkeypatch):
     angles = torch.zeros(3000, 3)

@@ -51,5 +51,11 @@ def test_bad_input():
         Redrawn([0], **NIGHT)[3]
     with pytest.raises(ValueError, match="index"):
         Redrawn([16], **NIGHT)[0]
+    with pytest.raises(ValueError, match="indices"):
+        Redrawn([1, 1], **NIGHT)
+    for scale in (5.0, 0.0, float("nan"), None):
+        with pytest.raises(ValueError, match="glasses_scale"):
+            Redrawn([0], **NIGHT, glasses_scale=scale)
+    assert len(Redrawn([0], **NIGHT, glasses_scale=np.float32(0.7))) == 3
     with pytest.raises(ValueError, match="gain"):
         Redrawn([0], **NIGHT, gain=0.0)[0]

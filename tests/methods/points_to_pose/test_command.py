@@ -2,13 +2,14 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from posecore.methods.infrared.clouds import CloudSet
+from posecore.methods.infrared.clouds import CloudSet, read_clouds
 from posecore.methods.main import main
 from posecore.methods.points_to_pose.centred_clouds import predict_poses
 from posecore.methods.points_to_pose.recipe import RECIPES
@@ -90,6 +91,16 @@ def test_p2r_on_predicted_clouds_of_some_glasses(file, tmp_path):
     check_rows(estimated(METHOD, out, tmp_path / "poses.csv", "--clouds", str(file)))
 
 
+def test_clouds_of_other_cameras_are_refused(run, file, tmp_path, capsys):
+    clouds = read_clouds(file)
+    moved = clouds.T_world_cam.clone()
+    moved[:, 0, 3] += 1.0
+    replace(clouds, T_world_cam=moved).write(tmp_path / "moved")
+    words = estimate_words(METHOD, run, tmp_path / "poses", "--clouds", str(tmp_path / "moved"))
+    refused(capsys, words, "--clouds: expected a cloud of the camera of")
+    assert not (tmp_path / "poses").exists()
+
+
 def test_a_finished_run_stays_as_it_is(run):
     names = ("run.json", "net.safetensors")
     before = [(run / name).read_bytes() for name in names]
@@ -101,6 +112,10 @@ def test_a_finished_run_stays_as_it_is(run):
     ("options", "message"),
     [
         (["--data", "nonsense"], "--data: expected"),
+        (
+            ["--data", "tabletop", "--split", "easy"],
+            "--data: expected glasses on a head, objects 1 to 4",
+        ),
         (["--split", "holidays"], "--split: expected"),
         (["--objects", "5"], "--objects: expected some of 1, 2, 3, 4"),
         (["--steps", "0"], "--steps: expected"),
