@@ -1000,9 +1000,9 @@ ledger_table(rows)
 # What the rows say, with a word where one is needed:
 #
 # - **The race.** Of all that was trained for as many steps, P2P errs least, by every metric, and most
-#   clearly in extreme poses and in position. But it is not *half* of CloudPose's error, and nowhere
-#   near 4 % of RandomizedBins'. A step of P2P takes about twice as long as one of CloudPose; CloudPose
-#   that trains as long comes close.
+#   clearly in extreme poses. But its error is not *half* of CloudPose's, and nowhere near 4 % of
+#   RandomizedBins'. And a step of P2P takes about twice as long as one of CloudPose: a CloudPose that
+#   trains for as many *seconds* errs as little. Votes and balls buy something per step, not per second.
 # - **P2R** is *not* as good as P2P here: it is the worst of the methods on clouds. What both differ in
 #   is what the seeds are asked. Those of P2R say numbers without knowing where they are, and a dense
 #   layer has to make sense of 32 of them in a row; those of P2P say places. Whether P2R becomes as good
@@ -1019,6 +1019,8 @@ ledger_table(rows)
 #   that is moved by a wrong prediction takes its pose with it, and no pose network can see that.
 # - **Votes** must be taught: without their loss P2P errs a degree more. How much they weigh hardly
 #   matters.
+# - **Glasses that were never seen** cost some tenths of a degree: with three trainings that is surely
+#   more than 0, and too near to the margin to be called nothing. Section 13 says why it is so little.
 # - **Which numbers?** Nine numbers and Procrustes (chapter 5) beat the quaternion, which the paper
 #   prefers. The sign of q makes no difference that three trainings could tell, as section 10 expected.
 #
