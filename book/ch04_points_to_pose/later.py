@@ -54,7 +54,8 @@ NOT_MEASURED = [
           source="section 3.4", measurement="cut", **now.pair("p2p, cut", "p2r, cut", "MAE")),
     Claim(id="all_seeds",
           statement="A last abstraction that looks at all points is better than one at 16 of them",
-          source="section 3.3", measurement="balls", **now.pair("p2p, all", "p2p, 16 of all", "MAE")),
+          source="section 3.3", measurement="balls",
+          **now.pair("p2p, all", "p2p, 16 of all", "MAE")),
     Claim(id="early", statement="An early maximum costs nothing", measurement="balls",
           **now.equal(key("p2p, early maximum", "rotation"), key("p2p", "rotation")), **now.OURS),
 ]  # fmt: skip
