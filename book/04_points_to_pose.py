@@ -997,7 +997,32 @@ for theirs, paper in (
 ledger_table(rows)
 
 # %% [markdown]
-# TEXT
+# What the rows say, with a word where one is needed:
+#
+# - **The race.** Of all that was trained for as many steps, P2P errs least, by every metric, and most
+#   clearly in extreme poses. But its error is not *half* of CloudPose's, and nowhere near 4 % of
+#   RandomizedBins'. And a step of P2P takes about twice as long as one of CloudPose: a CloudPose that
+#   trains for as many *seconds* errs as little. Votes and balls buy something per step, not per second.
+# - **P2R** is *not* as good as P2P here: it is the worst of the methods on clouds. What both differ in
+#   is what the seeds are asked. Those of P2R say numbers without knowing where they are, and a dense
+#   layer has to make sense of 32 of them in a row; those of P2P say places. Whether P2R becomes as good
+#   when it is told where its seeds are (`places=True`), is among the rows to come.
+# - **Does the cloud help?** The paper thinks so, as its cloud methods beat its picture method. Here the
+#   smaller networks say no: a plain residual network that regresses six numbers from the picture errs
+#   less than P2P on estimated clouds, and even than the small P2P on true ones. An estimated cloud is
+#   *made of* the picture, so it holds nothing that the picture does not. What the paper compares
+#   differs in two things at once, clouds and classes.
+# - **Classes** cost: RandomizedBins errs more than regression on the same trunk. In the paper its
+#   errors of 10 degrees are close to those of a constant; ours has learned much more than that.
+# - **Position.** Chapter 3's network knows better where a head is than P2P does, which sees only its
+#   clouds, along x and y; the paper finds the opposite there. Along z the order is the paper's. A cloud
+#   that is moved by a wrong prediction takes its pose with it, and no pose network can see that.
+# - **Votes** must be taught: without their loss P2P errs a degree more. How much they weigh hardly
+#   matters.
+# - **Glasses that were never seen** cost some tenths of a degree: with three trainings that is surely
+#   more than 0, and too near to the margin to be called nothing. Section 13 says why it is so little.
+# - **Which numbers?** Nine numbers and Procrustes (chapter 5) beat the quaternion, which the paper
+#   prefers. The sign of q makes no difference that three trainings could tell, as section 10 expected.
 #
 # What is ready to be measured and has not been, for want of hours:
 

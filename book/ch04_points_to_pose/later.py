@@ -52,6 +52,14 @@ NOT_MEASURED = [
     Claim(id="frontal", statement="That drivers look ahead hurts RandomizedBins in extreme poses",
           source="section 4.5", measurement="frontal",
           **now.pair("bins, even", "bins, frontal", "BMAE")),
+    Claim(id="cut", statement="Votes for keypoints help where clouds are cut",
+          source="section 3.4", measurement="cut", **now.pair("p2p, cut", "p2r, cut", "MAE")),
+    Claim(id="all_seeds",
+          statement="A last abstraction that looks at all points is better than one at 16 of them",
+          source="section 3.3", measurement="balls",
+          **now.pair("p2p, all", "p2p, 16 of all", "MAE")),
+    Claim(id="early", statement="An early maximum costs nothing", measurement="balls",
+          **now.equal(key("p2p, early maximum", "rotation"), key("p2p", "rotation")), **now.OURS),
 ]  # fmt: skip
 
 MEASUREMENTS = {
@@ -60,5 +68,7 @@ MEASUREMENTS = {
     "frontal": Measurement(now.measure_frontal, range(3), now.BOTH),
     "crossed": Measurement(now.measure_crossed, range(3), now.BOTH),
     "places": Measurement(now.measure_places, range(3), now.BOTH),
+    "balls": Measurement(now.measure_balls, range(3), now.BOTH),
+    "cut": Measurement(now.measure_cut, range(3), now.BOTH),
 }
 """To be moved into `experiments.MEASUREMENTS`, with their claims, when they are measured."""
