@@ -76,6 +76,7 @@ LOOKS_AT_PICTURES = {
     *("field", "refiner"),
     *("masks", "gains", "views", "parts", "labels", "weights", "places", "blurs", "sizes"),
     *("light", "clouds"),
+    *("race", "estimated", "unseen", "heads", "votes", "p2p", "p2r", "p2p_estimated"),
 }
 
 

@@ -20,7 +20,8 @@ pytestmark = pytest.mark.slow
 
 
 def test_a_run_holds_all_that_its_models_need(run, source):
-    assert not list(run.glob(".*"))
+    # Another test may be about to find that this run is finished, and holds its lock.
+    assert not [path for path in run.glob(".*") if not path.name.startswith(".training.lock")]
     found = read_run(run)
     assert found.options == {
         "data": source, "split": "train", "objects": [1, 3], "scale": "tiny", "steps": 12,
