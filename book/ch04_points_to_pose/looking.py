@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,9 +21,10 @@ from posecore.figures.results import Estimate, best_median_worst
 from posecore.methods.infrared.clouds import predict
 from posecore.methods.infrared.triples import reduced
 from posecore.methods.points_to_pose.centred_clouds import predict_poses
-from posecore.methods.points_to_pose.pose_clouds import PoseClouds, visible_clouds
+from posecore.methods.points_to_pose.pose_clouds import visible_clouds
 from posecore.methods.points_to_pose.voting import fused_keypoints, keypoint_pose
 from posecore.metrics import rotation_error
+from posecore.poses import apply, from_matrix, relative
 from posecore.scale import choose, scale
 from posecore.training import History, fit
 
@@ -73,12 +73,6 @@ def watch(steps: int, drivers: int) -> History:
     )  # fmt: skip
 
 
-@lru_cache(maxsize=2)
-def test_clouds(count: int) -> PoseClouds:
-    """Visible clouds of the test split, of so many points."""
-    return training.visible(training.TEST, count)
-
-
 class Answer(NamedTuple):
     """What a network says of one cloud, all in the car."""
 
@@ -101,50 +95,44 @@ def answer(trained: Trained, points: Tensor) -> Answer:
     centre = points.mean(0)
     geometry = trained.net.geometry((points - centre)[None])
     said = trained.net(geometry)
-    R, t = trained.net.pose(geometry)
     seeds = trained.net.backbone(geometry).points[0]
     return Answer(
-        points, seeds + centre, said.votes[0] + centre, said.keypoints[0] + centre, R[0],
-        t[0] + centre,
+        points, seeds + centre, said.votes[0] + centre, said.keypoints[0] + centre,
+        trained.net.decode(said)[0], said.t[0] + centre,
     )  # fmt: skip
 
 
 @torch.no_grad()
 def by_formula(trained: Trained) -> tuple[Tested, Tested]:
     """Errors in the test split: of the poses that P2P's heads say, and of Kabsch's on its votes."""
-    clouds = test_clouds(trained.recipe.points)
+    clouds = training.visible(training.TEST, trained.recipe.points)
     ready = trained.recipe.prepared(clouds)
     model = fused_keypoints(trained.recipe.keypoints - 1)
-    said, found = [], []
-    for rows in torch.arange(len(ready)).split(256):
-        geometry = ready.geometry.select(rows)
-        said.append(trained.net.pose(geometry))
-        found.append(keypoint_pose(trained.net(geometry).keypoints, model))
-    both = []
-    for parts in (said, found):
-        R, t = (torch.cat([part[k] for part in parts]) for k in range(2))
-        both.append(training.tested(R, t + ready.centre, clouds.view))
-    return both[0], both[1]
+    found = [
+        keypoint_pose(trained.net(ready.geometry.select(rows)).keypoints, model)
+        for rows in torch.arange(len(ready)).split(256)
+    ]
+    R, t = (torch.cat([part[k] for part in found]) for k in range(2))
+    return training.measure(trained), training.tested(R, t + ready.centre, clouds.view)
 
 
 def examples(trained: Trained) -> dict[str, Estimate]:
     """The best, the median and the worst answer in the test split, by the angle, on pictures."""
-    clouds, data = test_clouds(trained.recipe.points), training.stack(training.TEST)
+    dataset, data = data_tools.open("headset", split=training.TEST), training.stack(training.TEST)
+    clouds = training.visible(training.TEST, trained.recipe.points)
     R, t = predict_poses(trained.net, trained.recipe.prepared(clouds))
     found = training.tested(R, t, clouds.view)
     degrees = np.rad2deg(found.errors.rotation)
     shown = {}
     for name, row in best_median_worst(degrees).items():
         view = int(clouds.view[row])
-        item = data_tools.open("headset", split=training.TEST)[view].objects[0]
-        T = data.T_world_cam[view].double()
-        turn = T[:3, :3].mT @ R[row].double()
-        place = T[:3, :3].mT @ (t[row].double() - T[:3, 3])
+        item = dataset[view].objects[0]
+        camera = from_matrix(data.T_world_cam[view].numpy())
+        said = relative(*camera, R[row].double().numpy(), t[row].double().numpy())
         grey = bright(data.image("ir", view))[..., None].repeat(3, -1)
         shown[f"{name}, {degrees[row]:.1f}°"] = Estimate(
-            grey, data.K[view].numpy(), item.size, (item.R, item.t),
-            (turn.numpy(), place.numpy()),
-        )  # fmt: skip
+            grey, data.K[view].numpy(), item.size, (item.R, item.t), said
+        )
     return shown
 
 
@@ -154,10 +142,10 @@ def estimated_cloud(view: int) -> Tensor:
     item = data_tools.open("headset", split=training.TEST, whole=False)[view]
     picture = reduced(item.ir.astype(np.float32), recipe.image)[None, None]
     cloud = predict(net, picture)
-    T = torch.from_numpy(item.T_world_cam).float()
     points = cloud.points[0] + cloud.t[0]
     chosen = torch.randperm(len(points), generator=torch.Generator().manual_seed(0))[:256]
-    return points[chosen] @ T[:3, :3].T + T[:3, 3]
+    camera = from_matrix(torch.from_numpy(item.T_world_cam).float())
+    return apply(*camera, points[chosen])
 
 
 class Moved(NamedTuple):
@@ -180,7 +168,7 @@ def moved_by(trained: Trained, count: int) -> dict[str, Moved]:
         trained: the network.
         count: how many views of the test split, evenly spread.
     """
-    clouds = test_clouds(2000)
+    clouds = training.visible(training.TEST, 2000)
     worn = clouds.worn.sum(1)
     fitting = (worn >= choose(tiny=8, book=64, paper=64)).nonzero()[:, 0]
     few = fitting[torch.linspace(0, len(fitting) - 1, min(count, len(fitting))).long()]

@@ -12,6 +12,7 @@ import torch
 from torch import nn
 
 from data_tools.batches import Stack, load
+from data_tools.shapes.glasses import GLASSES
 from posecore.arrays import fail
 from posecore.methods.infrared.clouds import CloudSet, read_clouds
 from posecore.methods.net_training import train_net
@@ -26,7 +27,7 @@ from posecore.methods.points_to_pose.runs import CloudRun, PointsToPoseRun
 from posecore.methods.sources import open_source
 from posecore.methods.training import Job, chosen_objects
 
-GLASSES_IDS = (1, 2, 3, 4)  # of `headset` and `hmdpose`
+GLASSES_IDS = tuple(range(1, len(GLASSES) + 1))  # of `headset` and `hmdpose`
 __all__ = ["clouds_of", "open_clouds", "train", "train_on_clouds"]
 
 
