@@ -985,7 +985,7 @@ for theirs, paper in (
 ):
     for ours in ("p2p, book", "p2r, book"):
         mean, spread = tables.reduction(numbers, ours, theirs, "MAE")
-        said = f"; the paper says {paper} %" if paper else "; it trained as long as P2P, in seconds"
+        said = f"; the paper says {paper} %" if paper else "; it made 2.3 times as many steps"
         print(f"{ours[:3]} against {theirs}: MAE {mean:.0f} ± {spread:.0f} % smaller{said}")
 
 # %% [markdown]
@@ -1001,8 +1001,9 @@ ledger_table(rows)
 #
 # - **The race.** Of all that was trained for as many steps, P2P errs least, by every metric, and most
 #   clearly in extreme poses. But its error is not *half* of CloudPose's, and nowhere near 4 % of
-#   RandomizedBins'. And a step of P2P takes about twice as long as one of CloudPose: a CloudPose that
-#   trains for as many *seconds* errs as little. Votes and balls buy something per step, not per second.
+#   RandomizedBins'. And a step of CloudPose is cheaper: timed three times on this machine, whose times scatter,
+#   one of P2P took 1.1, 1.5 and 2.1 times as long. A CloudPose that makes 2.3 times as many steps, and
+#   so trains at least as long, errs as little.
 # - **P2R** is *not* as good as P2P here: it is the worst of the methods on clouds. What both differ in
 #   is what the seeds are asked. Those of P2R say numbers without knowing where they are, and a dense
 #   layer has to make sense of 32 of them in a row; those of P2P say places. Whether P2R becomes as good

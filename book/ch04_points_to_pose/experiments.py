@@ -75,7 +75,7 @@ CLAIMS = [
           source="Table 3, ALL, MAE", measurement="race", paper=(0.52, 0.96),
           **pair("p2r, book", "cloudpose, book", "MAE")),
     Claim(id="cloudpose_time",
-          statement="P2P errs less than CloudPose that trains as long",
+          statement="P2P errs less than CloudPose with 2.3 times as many steps",
           measurement="race", **pair("p2p, book", "cloudpose longer, book", "MAE"), **OURS),
     Claim(id="cloudpose_roll", statement="In roll, P2R's BMAE is less than CloudPose's",
           source="section 4.3.2; Table 3, ALL", measurement="race", paper=(1.21, 2.41),
