@@ -11,7 +11,7 @@ from book.ch04_points_to_pose.runs import Run
 from book.tools.checkpoints import resume_folder
 from book.tools.keys import Key
 
-__all__ = ["RUNS", "measure_p2p", "measure_p2r", "measure_pictures"]
+__all__ = ["RUNS", "measure_bins", "measure_p2p", "measure_p2r", "measure_regression"]
 
 RUNS = {
     "p2p longer, book": Run("p2p", book=True, steps=2.0),
@@ -52,10 +52,14 @@ def measure_p2r(seed: int) -> dict[Key, float]:
     return _measure(("p2r longer, book",), ("p2r, book",), seed)
 
 
-def measure_pictures(seed: int) -> dict[Key, float]:
-    """RandomizedBins with 4000 steps beside its 2000; regression; P2P on estimated clouds."""
-    names = ("bins longer, book", "regression, book")
-    values = _measure(names, ("bins, book", "p2p, book"), seed)
+def measure_bins(seed: int) -> dict[Key, float]:
+    """RandomizedBins with 4000 steps beside its 2000."""
+    return _measure(("bins longer, book",), ("bins, book",), seed)
+
+
+def measure_regression(seed: int) -> dict[Key, float]:
+    """Plain regression on pictures beside RandomizedBins, and P2P on true and estimated clouds."""
+    values = _measure(("regression, book",), ("bins, book", "p2p, book"), seed)
     name = "p2p, estimated, book"
     trained = estimated_race.train_estimated(name, seed)
     return values | runs.measured(name, training.measure(trained, sources.estimated, seed))
