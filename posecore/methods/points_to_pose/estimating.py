@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from data_tools.views import View
-from posecore.arrays import fail
+from posecore.arrays import fail, require_integer
 from posecore.methods import estimating
 from posecore.methods.infrared.clouds import CloudSet
 from posecore.methods.points_to_pose.centred_clouds import pose_of_clouds
@@ -44,7 +44,8 @@ class CloudEstimator:
         objects: that it was trained on.
         clouds: those that were predicted; None for the points that are truly visible, by the data's
             depth and masks.
-        seed: of what is drawn, for one view after the other.
+        seed: of what is drawn. Each view has draws of its own: an answer does not depend on which
+            views were looked at before.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class CloudEstimator:
         seed: int = 0,
     ) -> None:
         self.net, self.points, self.objects, self.clouds = net, points, objects, clouds
-        self._rng = np.random.default_rng(seed)
+        self._seed = require_integer("seed", seed, 0)
         self._rows = {}
         if clouds is not None:
             names = zip(clouds.scene_id.tolist(), clouds.image_id.tolist(), strict=True)
@@ -90,7 +91,7 @@ class CloudEstimator:
         if view.depth is None or not masks or any(mask is None for mask in masks):
             fail("--data", "data with depth and masks, or --clouds", f"{view}")
         seen = np.logical_or.reduce(masks)
-        found = visible_points(view.depth, seen, view.K, self.points, self._rng)
+        found = visible_points(view.depth, seen, view.K, self.points, self._draws(view))
         return np.zeros((0, 3)) if found is None else found[0]
 
     def _predicted(self, view: View) -> np.ndarray:
@@ -101,8 +102,11 @@ class CloudEstimator:
         if not np.array_equal(clouds.T_world_cam[row].numpy(), view.T_world_cam):
             fail("--clouds", f"a cloud of the camera of {view}", "one of another pose")
         points = clouds.points[row].double() + clouds.t[row].double()
-        chosen = self._rng.choice(len(points), self.points, replace=False)
+        chosen = self._draws(view).choice(len(points), self.points, replace=False)
         return points[chosen].numpy()
+
+    def _draws(self, view: View) -> np.random.Generator:
+        return np.random.default_rng([self._seed, view.scene_id, view.image_id])
 
 
 def estimate_on_clouds(options: argparse.Namespace, kind: type[CloudRun]) -> None:

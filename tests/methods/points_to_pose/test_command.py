@@ -12,10 +12,11 @@ import torch
 from posecore.methods.infrared.clouds import CloudSet, read_clouds
 from posecore.methods.main import main
 from posecore.methods.points_to_pose.centred_clouds import predict_poses
+from posecore.methods.points_to_pose.pose_clouds import visible_points
 from posecore.methods.points_to_pose.recipe import RECIPES
 from posecore.methods.points_to_pose.runs import PointsToPoseRun
 from posecore.methods.runs import read_net_run
-from posecore.poses import from_matrix, relative
+from posecore.poses import apply, from_matrix, relative
 from tests.methods.poses_commands import (
     check_evaluated,
     check_rows,
@@ -67,10 +68,23 @@ def check_poses(table, net, clouds, data):
         np.testing.assert_allclose(table.t[row], expected[1], atol=2e-3)
 
 
-def test_poses_of_what_is_visible(run, seen, data, recording, tmp_path):
+def drawn_by_view(seen, views):
+    """The clouds with points that follow from the seed and the view's numbers alone."""
+    points = []
+    for number in seen.view.tolist():
+        view = views[number]
+        mask = np.logical_or.reduce([item.mask for item in view.objects])
+        rng = np.random.default_rng([0, view.scene_id, view.image_id])
+        found, _ = visible_points(view.depth, mask, view.K, seen.points.shape[1], rng)
+        points.append(torch.from_numpy(apply(*from_matrix(view.T_world_cam), found)).float())
+    return replace(seen, points=torch.stack(points))
+
+
+def test_poses_of_what_is_visible(run, seen, views, data, recording, tmp_path):
     table = estimated(METHOD, run, tmp_path / "poses.csv")
     check_rows(table)
-    check_poses(table, read_net_run(run, PointsToPoseRun).load_net(), seen, data)
+    net = read_net_run(run, PointsToPoseRun).load_net()
+    check_poses(table, net, drawn_by_view(seen, views), data)
     check_evaluated(METHOD, run, recording, tmp_path)
 
 
