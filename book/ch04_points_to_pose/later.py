@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from book.ch04_points_to_pose import experiments as now
-from book.ch04_points_to_pose import longer
+from book.ch04_points_to_pose import claimed as now
+from book.ch04_points_to_pose import experiments, longer
 from book.ch04_points_to_pose.runs import key
 from book.tools.claims import Claim
 from book.tools.ledger import Measurement
@@ -97,16 +97,16 @@ NOT_MEASURED = [
 ]  # fmt: skip
 
 MEASUREMENTS = {
-    "glasses": Measurement(now.measure_glasses, range(3), now.BOTH),
-    "sizes": Measurement(now.measure_sizes, range(3), now.BOTH),
-    "frontal": Measurement(now.measure_frontal, range(3), now.BOTH),
-    "crossed": Measurement(now.measure_crossed, range(3), now.BOTH),
-    "places": Measurement(now.measure_places, range(3), now.BOTH),
-    "balls": Measurement(now.measure_balls, range(3), now.BOTH),
-    "cut": Measurement(now.measure_cut, range(3), now.BOTH),
-    "longer_p2p": Measurement(longer.measure_p2p, range(3), now.BOTH),
-    "longer_p2r": Measurement(longer.measure_p2r, range(3), now.BOTH),
-    "longer_bins": Measurement(longer.measure_bins, range(3), now.BOTH),
-    "regression": Measurement(longer.measure_regression, range(3), now.BOTH),
+    "glasses": Measurement(experiments.measure_glasses, range(3), experiments.BOTH),
+    "sizes": Measurement(experiments.measure_sizes, range(3), experiments.BOTH),
+    "frontal": Measurement(experiments.measure_frontal, range(3), experiments.BOTH),
+    "crossed": Measurement(experiments.measure_crossed, range(3), experiments.BOTH),
+    "places": Measurement(experiments.measure_places, range(3), experiments.BOTH),
+    "balls": Measurement(experiments.measure_balls, range(3), experiments.BOTH),
+    "cut": Measurement(experiments.measure_cut, range(3), experiments.BOTH),
+    "longer_p2p": Measurement(longer.measure_p2p, range(3), experiments.BOTH),
+    "longer_p2r": Measurement(longer.measure_p2r, range(3), experiments.BOTH),
+    "longer_bins": Measurement(longer.measure_bins, range(3), experiments.BOTH),
+    "regression": Measurement(longer.measure_regression, range(3), experiments.BOTH),
 }
 """To be moved into `experiments.MEASUREMENTS`, with their claims, when they are measured."""
