@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from book.ch04_points_to_pose import cloud_sources as sources
-from book.ch04_points_to_pose import costs, estimated_race, runs
+from book.ch04_points_to_pose import costs, estimated_race, longer, runs
 from book.ch04_points_to_pose import pose_training as training
 from book.ch04_points_to_pose.claimed import CLAIMS
 from book.ch04_points_to_pose.runs import key
@@ -148,6 +148,8 @@ MEASUREMENTS = {
     "unseen": Measurement(measure_unseen, range(3), BOTH),
     "heads": Measurement(measure_heads, range(3), BOTH),
     "votes": Measurement(measure_votes, range(3), BOTH),
+    "glasses": Measurement(measure_glasses, range(3), BOTH),
+    "regression": Measurement(longer.measure_regression, range(3), BOTH),
     "costs": Measurement(costs.measure, range(3), (), timed=True),
 }
 

@@ -20,23 +20,6 @@ NOT_MEASURED = [
           statement="Clouds of drivers that the cloud estimator has not seen teach better poses "
           "than those of drivers that it has seen",
           measurement="crossed", **now.pair("p2p, crossed", "p2p, seen", "MAE"), **now.OURS),
-    Claim(id="bins_single", statement="RandomizedBins is better when trained on one glasses",
-          source="section 4.3.1; Table 3, MAE", measurement="glasses", paper=(10.30, 10.55),
-          **now.pair("bins, single", "bins, quarter, mean over glasses", "MAE")),
-    Claim(id="bins_single_bmae", statement="The same in extreme poses",
-          source="section 4.3.1; Table 3, BMAE", measurement="glasses", paper=(21.53, 28.15),
-          **now.pair("bins, single", "bins, quarter, mean over glasses", "BMAE")),
-    Claim(id="cloudpose_single", statement="CloudPose on one glasses and on all are close",
-          source="section 4.3.1; Table 3, MAE", measurement="glasses", paper=(0.99, 0.96),
-          **now.equal(
-              key("cloudpose, single", "MAE"),
-              key("cloudpose, quarter, mean over glasses", "MAE"))),
-    Claim(id="p2r_single", statement="P2R on one glasses and on all are close",
-          source="section 4.3.1; Table 3, MAE", measurement="glasses", paper=(0.47, 0.52),
-          **now.equal(key("p2r, single", "MAE"), key("p2r, quarter, mean over glasses", "MAE"))),
-    Claim(id="p2p_single", statement="P2P on one glasses and on all are close",
-          source="section 4.3.1; Table 3, MAE", measurement="glasses", paper=(0.49, 0.53),
-          **now.equal(key("p2p, single", "MAE"), key("p2p, quarter, mean over glasses", "MAE"))),
     Claim(id="size", statement="Larger glasses are easier",
           source="section 4.5; Table 3, P2P, HOLO and NORTH, MAE", measurement="sizes",
           paper=(0.46, 0.58), **now.pair("p2p, size 1.4", "p2p, size 0.7", "MAE")),
@@ -81,23 +64,9 @@ NOT_MEASURED = [
     Claim(id="bins_flat", statement="The same of RandomizedBins: 4000 steps are as good as 2000",
           measurement="longer_bins", favoured=key("bins longer, book", "MAE"),
           other=key("bins, book", "MAE"), **FLAT),
-    Claim(id="clouds_picture_book",
-          statement="At the book's sizes, P2P on estimated clouds errs less than the picture trunk "
-          "with plain regression",
-          source="sections 4.5 and 5", measurement="regression",
-          **now.pair("p2p, estimated, book", "regression, book", "MAE")),
-    Claim(id="image_regression_book",
-          statement="At the book's sizes, P2P on true points errs less than the picture trunk with "
-          "plain regression", measurement="regression",
-          **now.pair("p2p, book", "regression, book", "MAE"), **now.OURS),
-    Claim(id="bins_regression_book",
-          statement="At the book's sizes, RandomizedBins errs less than plain regression",
-          measurement="regression",
-          **now.pair("bins, book", "regression, book", "MAE"), **now.OURS),
 ]  # fmt: skip
 
 MEASUREMENTS = {
-    "glasses": Measurement(experiments.measure_glasses, range(3), experiments.BOTH),
     "sizes": Measurement(experiments.measure_sizes, range(3), experiments.BOTH),
     "frontal": Measurement(experiments.measure_frontal, range(3), experiments.BOTH),
     "crossed": Measurement(experiments.measure_crossed, range(3), experiments.BOTH),
@@ -107,6 +76,5 @@ MEASUREMENTS = {
     "longer_p2p": Measurement(longer.measure_p2p, range(3), experiments.BOTH),
     "longer_p2r": Measurement(longer.measure_p2r, range(3), experiments.BOTH),
     "longer_bins": Measurement(longer.measure_bins, range(3), experiments.BOTH),
-    "regression": Measurement(longer.measure_regression, range(3), experiments.BOTH),
 }
 """To be moved into `experiments.MEASUREMENTS`, with their claims, when they are measured."""
