@@ -23,9 +23,9 @@ class DatasetSurfaces:
     """Measures VSD in the images of a dataset, as `bop_errors.SurfaceErrors` says.
 
     Each pose is drawn once, and only where it is in the image; each depth image is read once.
-    Models are drawn with the backs of their faces, as BOP's renderer does it. The centre of the
-    first pixel is at (0, 0), as everywhere here; in BOP's renderer it is half a pixel farther, and
-    so its scores may differ a little.
+    Models are drawn with the backs of their faces, as BOP's renderer draws them. The centre of the
+    first pixel is at (0, 0), as everywhere here; that renderer has it at (0.5, 0.5), against the
+    rest of the toolkit, so its scores may differ a little.
 
     Args:
         dataset: with depth images.
