@@ -36,18 +36,16 @@ def error(name, K, est, gt, model):
 def vsd(depth_est, depth_gt, depth_test, K, diameter, delta, taus):
     """VSD for each of taus, pixel by pixel."""
     union, wrong = 0, [0] * len(taus)
-    height, width = depth_test.shape
-    for y in range(height):
-        for x in range(width):
-            ray = math.hypot((x - K[0][2]) / K[0][0], (y - K[1][2]) / K[1][1], 1)
-            est, gt, test = (ray * float(d[y, x]) for d in (depth_est, depth_gt, depth_test))
-            gt_seen = gt > 0 and (test == 0 or gt - test <= delta)
-            est_seen = est > 0 and (test == 0 or est - test <= delta or gt_seen)
-            if gt_seen or est_seen:
-                union += 1
-                for k, tau in enumerate(taus):
-                    if not (gt_seen and est_seen) or abs(gt - est) / diameter >= tau:
-                        wrong[k] += 1
+    for y, x in np.argwhere((depth_est > 0) | (depth_gt > 0)).tolist():
+        ray = math.hypot((x - K[0][2]) / K[0][0], (y - K[1][2]) / K[1][1], 1)
+        est, gt, test = (ray * float(d[y, x]) for d in (depth_est, depth_gt, depth_test))
+        gt_seen = gt > 0 and (test == 0 or gt - test <= delta)
+        est_seen = est > 0 and (test == 0 or est - test <= delta or gt_seen)
+        if gt_seen or est_seen:
+            union += 1
+            for k, tau in enumerate(taus):
+                if not (gt_seen and est_seen) or abs(gt - est) / diameter >= tau:
+                    wrong[k] += 1
     return [count / union if union else 1.0 for count in wrong]
 
 
