@@ -228,8 +228,8 @@ def _explain(
     mine = np.isin(estimates.object_id, ids) & ~foreign
     if lost := sum(key not in held for key in _keys(estimates[mine])):
         note(
-            f"{lost} estimates are of objects that their image does not hold: they cost precision "
-            "of the box, but none of BOP's detection, which leaves them out"
+            f"{lost} of the estimates are of objects that their image does not hold: precision of "
+            "the box pays for them, BOP's detection leaves them out"
         )
     for name, table in (("estimates", estimates), ("ground truth", poses)):
         table = table[np.isin(table.object_id, ids)]
