@@ -62,7 +62,8 @@ each_argument = pytest.mark.parametrize(
 # are bytes, indices are whole numbers. Its module's tests show what it refuses.
 ON_THEIR_OWN = {
     *("accuracy", "accuracy_curve", "auc", "average_precision", "average_recall"),
-    *("balanced_mean_angular_error", "match_by_error", "match_by_overlap", "pair_by_overlap"),
+    *("balanced_mean_angular_error", "coco_average_precision", "match_at_thresholds"),
+    *("match_by_error", "match_by_overlap", "pair_at_thresholds", "pair_by_overlap"),
     "mean_absolute_error",
     *("root_mean_squared_error", "within", "require_intrinsics", "require_rotation", "to_indices"),
     *("RotationHead.decode", "RotationHead.encode", "VectorFieldSystem.estimate"),
@@ -163,7 +164,7 @@ KINDS = [
     ("K|camera", intrinsics),
     ("T|symmetries", motions),
     (r"t(_\w+)?", in_front),
-    (r"size(_\d)?|weights|diameter|scale|depth|boxes|box", positive),
+    (r"size(_\d)?|weights|diameter|scale|depth(_\w+)?|taus|boxes|box", positive),
     (r"\w+_normals", directions),
     ("mask|inside", lambda shape, rng: rng.integers(0, 2, shape).astype(float)),
     ("covariances", lambda shape, rng: np.eye(2) * positive((*shape[:-2], 1, 1), rng)),

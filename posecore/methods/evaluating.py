@@ -1,4 +1,4 @@
-"""`evaluate`: estimated poses against ground truth, with every metric of the field."""
+"""`evaluate`: estimated poses against ground truth."""
 
 from __future__ import annotations
 
@@ -13,29 +13,37 @@ from data_tools import units
 from data_tools.bop import read_results
 from data_tools.views import ModelSet
 from posecore import rotations
-from posecore.arrays import fail
+from posecore.arrays import fail, require_number
 from posecore.files import write_bytes
 from posecore.methods.notes import note
 from posecore.methods.outputs import check_outputs, say_beside
+from posecore.methods.surfaces import DatasetSurfaces
 from posecore.methods.truth import Truth, kind_of, read_truth
-from posecore.metrics import evaluation, report
+from posecore.metrics import bop_scores, evaluation, report
+from posecore.metrics.bop_errors import add_bop_errors
 from posecore.metrics.pose_table import PoseTable
+from posecore.metrics.visible_surface import VSD_DELTA
 from posecore.models import ObjectModel
 
 __all__ = ["add_evaluate", "evaluate"]
 
-DESCRIPTION = """Measure estimated poses against ground truth with every metric of the field.
-Estimates are a CSV file in the BOP format (scene_id,im_id,obj_id,score,R,t,time; millimetres);
-ground truth is such a file too, or bop:PATH, linemod:PATH or hmdpose:PATH, the folder of a dataset.
-A pose that was not estimated counts as wrong; of an image with n instances of an object the n
-surest estimates are taken."""
+DESCRIPTION = """Measure estimated poses against ground truth, per object and overall: ADD, ADD-S
+and ADD(-S) (below 0.1 d, and the area under the curve to 10 cm), 2D projection, n deg m cm, 3D IoU
+of the boxes, errors of rotation, translation and single angles; BOP's average recalls of VSD, MSSD
+and MSPD with their mean AR, BOP24's average precision of detection, and the time of an image. VSD,
+and with it AR, needs bop:PATH with depth images, in which the models are drawn."""
+EPILOG = """Estimates are a CSV file in the BOP format (scene_id,im_id,obj_id,score,R,t,time;
+millimetres); ground truth is such a file too, or bop:PATH, linemod:PATH or hmdpose:PATH, the folder
+of a dataset. A pose that was not estimated counts as wrong; of an image with n instances of an
+object the n surest estimates are taken. Only BOP's detection and the precision of the box look at
+all of them (BOP: the 100 surest of an image)."""
 CURVE_ENDINGS = (".png", ".pdf", ".svg")
 
 
 def add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `evaluate` to the commands."""
     command = commands.add_parser(
-        "evaluate", help="measure estimated poses with every metric", description=DESCRIPTION
+        "evaluate", help="measure estimated poses", description=DESCRIPTION, epilog=EPILOG
     )
     command.set_defaults(command=evaluate)
     command.add_argument("estimates", metavar="ESTIMATES.csv")
@@ -45,11 +53,34 @@ def add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="a CSV file, bop:PATH, linemod:PATH or hmdpose:PATH",
     )
     command.add_argument("--split", help="of a dataset: which part, if there are several")
-    command.add_argument("--targets", metavar="FILE", help="with bop:PATH: test_targets_bop19.json")
+    command.add_argument(
+        "--targets",
+        metavar="FILE",
+        help="with bop:PATH: test_targets_bop19.json; of an object's instances the inst_count most "
+        "visible are to be found",
+    )
+    command.add_argument(
+        "--visible",
+        metavar="F",
+        type=float,
+        help="with bop:PATH: only poses of which at least this share is visible are to be found, "
+        "as BOP's visib_gt_min (default: all, or the targets; of detection 0.1). An estimate of "
+        "another pose still is one of the n surest, and wrong; detection and the precision of the "
+        "box leave it out",
+    )
+    command.add_argument(
+        "--vsd-delta",
+        metavar="MM",
+        type=float,
+        default=1000 * VSD_DELTA,
+        help="of VSD: how far behind the measured depth a surface is visible (default: %(default)g "
+        "as BOP has it, but for ITODD 5)",
+    )
     command.add_argument(
         "--models",
         metavar="DIR",
-        help="folder with models_info.json and obj_000001.ply (default: those of the dataset)",
+        help="folder with models_info.json and obj_000001.ply (default: PATH/models of a dataset; "
+        "BOP itself measures with PATH/models_eval where that is)",
     )
     command.add_argument(
         "--camera",
@@ -84,20 +115,27 @@ def evaluate(options: argparse.Namespace) -> None:
     truth = read_truth(options)
     wanted = set(truth.poses.object_id.tolist() if options.objects is None else options.objects)
     models = _to_object_models(truth.models, wanted)
+    others = truth.present.others
     errors = evaluation.evaluate(
-        estimates, truth.poses, models, truth.K, options.objects, truth.images, truth.others
+        estimates, truth.poses, models, truth.K, options.objects, truth.images, others
     )
+    surface = _surfaces(options, truth, {i: models[i].diameter for i in errors if i in models})
+    errors = add_bop_errors(errors, estimates, truth.present, models, truth.images, surface)
     _explain(estimates, truth, models, errors)
     lines = report.report(errors, truth.width)
+    time = _time(estimates[evaluation.in_images(estimates, truth.images)])
     curve = None
     if options.curve:
         curve = _draw(errors, Path(options.curve).suffix[1:].lower())
     # Before anything is printed: whoever reads the table may stop at its first line.
     if options.json:
-        write_bytes(Path(options.json), _to_json(lines))
+        write_bytes(Path(options.json), _to_json(lines, time))
     if curve is not None:
         write_bytes(Path(options.curve), curve)
-    say_beside(report.to_text(lines), (options.json, options.curve))
+    text = report.to_text(lines)
+    if time is not None:
+        text += f"\n\ntime of an image, mean of {time[1]}: {time[0]:.3f} s"
+    say_beside(text, (options.json, options.curve))
 
 
 def _check_outputs(options: argparse.Namespace) -> None:
@@ -141,6 +179,30 @@ def _to_object_models(models: ModelSet, wanted: set[int]) -> dict[int, ObjectMod
     return result
 
 
+def _surfaces(
+    options: argparse.Namespace, truth: Truth, diameters: dict[int, float]
+) -> DatasetSurfaces | None:
+    """What measures VSD, where there are depth images and models with faces."""
+    delta = require_number("--vsd-delta", options.vsd_delta, 0) / 1000
+    if truth.dataset is None:
+        if diameters:
+            note(f"no VSD and no AR, which need depth images: {truth.without_depth}")
+        return None
+    surface = DatasetSurfaces(truth.dataset, truth.models, diameters, delta)
+    if bare := sorted(set(diameters) - surface.object_ids):
+        note(f"no VSD and no AR of objects {bare}: their meshes have no faces")
+    return surface
+
+
+def _time(estimates: PoseTable) -> tuple[float, int] | None:
+    """Seconds of an image on average, and of how many."""
+    try:
+        return bop_scores.time_per_image(estimates)
+    except ValueError as error:
+        note(f"no time of an image: {error}")
+        return None
+
+
 def _explain(
     estimates: PoseTable,
     truth: Truth,
@@ -162,6 +224,13 @@ def _explain(
     strangers = sorted(set(estimates.object_id[~foreign].tolist()) - set(poses.object_id.tolist()))
     if strangers:
         note(f"estimates of objects {strangers} are ignored: the ground truth holds none")
+    held = {*_keys(poses), *_keys(truth.present.others)}
+    mine = np.isin(estimates.object_id, ids) & ~foreign
+    if lost := sum(key not in held for key in _keys(estimates[mine])):
+        note(
+            f"{lost} of the estimates are of objects that their image does not hold: precision of "
+            "the box pays for them, BOP's detection leaves them out"
+        )
     for name, table in (("estimates", estimates), ("ground truth", poses)):
         table = table[np.isin(table.object_id, ids)]
         improper = ~rotations.is_rotation(table.R)
@@ -183,7 +252,13 @@ def _explain(
         note(text)
 
 
-def _to_json(lines: list[report.Line]) -> bytes:
+def _keys(table: PoseTable) -> list[tuple[int, int, int]]:
+    """Scene, image and object of every row."""
+    ids = table.object_id.tolist()
+    return [(*image, object_id) for image, object_id in zip(table.images, ids, strict=True)]
+
+
+def _to_json(lines: list[report.Line], time: tuple[float, int] | None) -> bytes:
     def number(value: float | None) -> float | None:
         return value if value is not None and np.isfinite(value) else None  # JSON has no infinity
 
@@ -194,6 +269,8 @@ def _to_json(lines: list[report.Line]) -> bytes:
             "all poses": number(line.pooled),
             "mean of objects": number(line.mean),
         }
+    if time is not None:
+        content["time"] = {"seconds of an image": {"mean": time[0], "images": time[1]}}
     return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
 
 

@@ -12,12 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 import data_tools
-from data_tools.bop import Models, read_results
+from data_tools.bop import BopDataset, Models, read_results
 from data_tools.bop.files import has_file, read_json, read_number
 from data_tools.views import Dataset, ModelSet
-from posecore.arrays import fail
+from posecore.arrays import fail, require_number
 from posecore.cameras import require_intrinsics
 from posecore.methods.notes import note
+from posecore.metrics.bop_errors import Present
+from posecore.metrics.bop_scores import LEAST_VISIBLE
 from posecore.metrics.pose_table import PoseTable
 
 __all__ = ["Truth", "kind_of", "read_truth"]
@@ -29,16 +31,27 @@ DATASETS = ("bop", "linemod", "hmdpose")
 class Truth(NamedTuple):
     """What the estimates are measured against."""
 
-    poses: PoseTable
+    present: Present
+    """All poses in the images, and which of them are to be found."""
     images: list[tuple[int, int]]
     """(scene id, image id) of the evaluated images, some of which may hold no object."""
     models: ModelSet
-    K: np.ndarray | None
-    """(3, 3), or (G, 3, 3) for each pose."""
     width: float
     """Of the images, in pixels."""
-    others: PoseTable | None = None
-    """What is in the images as well, but is no target."""
+    dataset: BopDataset | None = None
+    """Where its depth images are, if it has them."""
+    without_depth: str = ""
+    """Else why there are none."""
+
+    @property
+    def poses(self) -> PoseTable:
+        """What is to be found."""
+        return self.present.truth
+
+    @property
+    def K(self) -> np.ndarray | None:
+        """(G, 3, 3) of these poses; None without errors in pixels."""
+        return None if self.present.K is None else self.present.K[: len(self.poses)]
 
 
 def read_truth(options: argparse.Namespace) -> Truth:
@@ -67,42 +80,85 @@ def _from_dataset(options: argparse.Namespace, kind: str) -> Truth:
             fail("--rotations", "project, as hmdpose:PATH has quaternions", options.rotations)
     elif kind == "bop":
         choices["targets"] = options.targets
-    if kind != "bop" and options.targets:
-        fail("--targets", "nothing, as the ground truth is no bop:PATH", options.targets)
+    for name in ("targets", "visible") if kind != "bop" else ():
+        if (value := getattr(options, name)) is not None:
+            fail(f"--{name}", "nothing, as the ground truth is no bop:PATH", value)
     with _called("path", "GROUND_TRUTH"):
         dataset = data_tools.open(options.ground_truth, split=options.split, **choices)
-    poses = dataset.ground_truth()
-    others = None
-    if options.targets:
-        others = _without(dataset.ground_truth(targets_only=False), poses)
-    for scene, image in dict.fromkeys(poses.images):
+    present = _present_in(dataset, options)
+    for scene, image in dict.fromkeys(present.truth.images + present.others.images):
         where = f"{options.ground_truth}: scene {scene}, image {image}: K"
         require_intrinsics(where, dataset.camera(scene, image).K)
-    K = np.reshape([dataset.camera(*image).K for image in poses.images], (-1, 3, 3))
     models = _models(options.models) if options.models else dataset.models()
-    return Truth(poses, dataset.images, models, K, _width_of(dataset, kind), others)
+    with_depth, why = None, f"{kind}:PATH is read without them"
+    if kind == "bop":
+        with_depth = dataset if dataset.has_depth else None
+        why = f"{dataset.path / dataset.split} has none"
+    return Truth(present, dataset.images, models, _width_of(dataset, kind), with_depth, why)
 
 
-def _without(table: PoseTable, some: PoseTable) -> PoseTable:
-    """The rows of a table but for some of them."""
+def _present_in(dataset: Dataset, options: argparse.Namespace) -> Present:
+    """The poses of a dataset, and which of them are to be found.
 
-    def keys(table: PoseTable) -> list[tuple]:
-        poses = zip(table.R, table.t, strict=True)
-        return [
-            (*image, object_id, R.tobytes(), t.tobytes())
-            for image, object_id, (R, t) in zip(
-                table.images, table.object_id.tolist(), poses, strict=True
-            )
-        ]
+    As the BOP toolkit has it: without `--visible` those that the targets are, the most visible
+    ones; with it, all poses of target objects that are visible enough, of which an image's
+    estimates are as many of the surest as it has targets. Detection wants what is visible enough,
+    target or not.
+    """
+    targets, least = getattr(options, "targets", None), options.visible
+    if least is not None:
+        least = require_number("--visible", least, 0, 1)
+    shares, counts = None, {}
+    if isinstance(dataset, BopDataset):
+        there = dataset.ground_truth(targets_only=False)
+        shares = dataset.visible_fractions(targets_only=False)
+    else:
+        there = dataset.ground_truth()
+    wanted = np.ones(len(there), bool)
+    if targets:
+        chosen = dataset.ground_truth()
+        wanted = _among(there, chosen)
+    if least is not None:
+        if shares is None:
+            fail("--visible", "a scene_gt_info.json in every scene, which says it", least)
+        if targets:
+            counts = Counter(_keys(chosen))
+            wanted = np.array([key in counts for key in _keys(there)], bool)
+        wanted &= shares >= least
+        if not wanted.any():
+            fail("--visible", "a share that some true pose has", least)
+    elif shares is not None and not targets and (hidden := int((shares < LEAST_VISIBLE).sum())):
+        note(
+            f"{hidden} of {len(there)} true poses are less than {LEAST_VISIBLE:.0%} visible: all "
+            f"but BOP's detection wants them found (--visible {LEAST_VISIBLE} leaves them out)"
+        )
+    counted = np.ones(len(there), bool)
+    if shares is not None:
+        counted = shares >= (LEAST_VISIBLE if least is None else least)
+    order = np.concatenate([np.flatnonzero(wanted), np.flatnonzero(~wanted)])
+    K = np.reshape([dataset.camera(*image).K for image in there.images], (-1, 3, 3))
+    return Present(there[wanted], there[~wanted], K[order], counted[order], counts)
 
-    left = Counter(keys(some))
-    kept = []
-    for row, key in enumerate(keys(table)):
-        if left[key]:
-            left[key] -= 1
-        else:
-            kept.append(row)
-    return table[np.array(kept, int)]
+
+def _keys(table: PoseTable) -> list[tuple[int, int, int]]:
+    """Scene, image and object of every row."""
+    ids = table.object_id.tolist()
+    return [(*image, object_id) for image, object_id in zip(table.images, ids, strict=True)]
+
+
+def _among(table: PoseTable, some: PoseTable) -> np.ndarray:
+    """Which rows of a table are those of another one, which it holds."""
+
+    def poses(table: PoseTable) -> list[tuple]:
+        rows = zip(_keys(table), table.R, table.t, strict=True)
+        return [(*key, R.tobytes(), t.tobytes()) for key, R, t in rows]
+
+    left = Counter(poses(some))
+    found = []
+    for pose in poses(table):
+        found.append(left[pose] > 0)
+        left[pose] -= 1
+    return np.array(found, bool)
 
 
 def _width_of(dataset: Dataset, kind: str) -> float:
@@ -156,17 +212,19 @@ def _from_files(options: argparse.Namespace) -> Truth:
         fail("GROUND_TRUTH", expected, repr(options.ground_truth))
     if not options.models:
         fail("--models", "a folder of models", "none")
-    for name in ("split", "targets"):
-        if getattr(options, name):
-            fail(f"--{name}", "nothing, as the ground truth is no dataset", getattr(options, name))
+    for name in ("split", "targets", "visible"):
+        if (value := getattr(options, name)) is not None:
+            fail(f"--{name}", "nothing, as the ground truth is no dataset", value)
     poses = read_results(options.ground_truth, rotations=options.rotations)
     if not len(poses):
         raise ValueError(f"{options.ground_truth}: expected true poses, got none")
     models = _models(options.models)
     path = Path(options.camera or Path(options.models).resolve().parent / "camera.json")
+    K, width, why = None, WIDTH, "a CSV file has none"
     if not options.camera and not has_file(path):
         note(f"no {path}, so no errors in pixels (--camera names another)")
-        return Truth(poses, poses.images, models, None, WIDTH)
-    fx, fy, cx, cy, width = _read_camera(path, "fx", "fy", "cx", "cy", "width")
-    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    return Truth(poses, poses.images, models, K, width)
+    else:
+        fx, fy, cx, cy, width = _read_camera(path, "fx", "fy", "cx", "cy", "width")
+        K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    present = Present(poses, poses[:0], K, np.ones(len(poses), bool), {})
+    return Truth(present, poses.images, models, width, without_depth=why)

@@ -1,7 +1,13 @@
 """Metrics: errors of single poses, overlap of boxes, and what is made of many errors."""
 
 from posecore.metrics.boxes import box_corners, nocs_legacy_iou, oriented_iou_3d
-from posecore.metrics.detection import average_precision, match_by_error, match_by_overlap
+from posecore.metrics.detection import (
+    average_precision,
+    coco_average_precision,
+    match_at_thresholds,
+    match_by_error,
+    match_by_overlap,
+)
 from posecore.metrics.model_errors import add, add_s, mspd, mssd, projection_2d
 from posecore.metrics.pose_errors import axis_error, rotation_error, translation_error
 from posecore.metrics.pose_table import PoseTable
@@ -16,6 +22,7 @@ from posecore.metrics.summaries import (
     root_mean_squared_error,
     within,
 )
+from posecore.metrics.visible_surface import distance_image, visible_surface, vsd
 from posecore.symmetry import closest_symmetry
 
 __all__ = [
@@ -32,6 +39,9 @@ __all__ = [
     "balanced_mean_angular_error",
     "box_corners",
     "closest_symmetry",
+    "coco_average_precision",
+    "distance_image",
+    "match_at_thresholds",
     "match_by_error",
     "match_by_overlap",
     "mean_absolute_error",
@@ -43,5 +53,7 @@ __all__ = [
     "root_mean_squared_error",
     "rotation_error",
     "translation_error",
+    "visible_surface",
+    "vsd",
     "within",
 ]

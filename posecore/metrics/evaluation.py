@@ -14,6 +14,7 @@ import numpy as np
 from posecore import poses, rotations
 from posecore.arrays import fail
 from posecore.metrics import boxes, detection, model_errors, pose_errors, summaries
+from posecore.metrics.detection import Detections
 from posecore.metrics.matching import groups, in_images, match, rows_by_key
 from posecore.metrics.pose_table import PoseTable
 from posecore.models import ObjectModel
@@ -31,6 +32,7 @@ __all__ = [
 HEAD_ANGLES = ("yaw", "pitch", "roll")  # intrinsic YXZ, the book's convention for single angles
 IOU_THRESHOLDS = (0.25, 0.5, 0.75)
 BOP_ERRORS = ("mssd", "mspd")
+PIXELS = ("projection", "mspd")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,8 @@ class ObjectErrors:
             (ADD-S if the object has symmetries, else ADD), `mssd`, `mspd`, `projection`. A name is
             absent if it could not be computed: on the model without a model, in pixels without
             intrinsics, in angles where a matrix of the object is not a rotation. Errors in pixels
-            are infinite also where a true pose is not in front of the camera.
+            are infinite also where a true pose is not in front of the camera. `vsd` (n, T), for T
+            tolerances, comes from `bop_errors.add_bop_errors`.
         true_angles: `yaw`, `pitch`, `roll` -> (n,) radians; empty if there are no angles.
         overlap: (n,) 3D IoU of the boxes, 0 where there is no estimate; None without a model, for
             a flat box, or where a matrix is not a rotation.
@@ -58,7 +61,10 @@ class ObjectErrors:
             pixels mean something there only. None if there are no such errors, or for all.
         pairs: `mssd`, `mspd` -> for each image with the object (D, G) errors of its surest
             estimates, surest first, against its true poses (those in front, in pixels), for BOP's
-            own pairs. A name is absent if every true pose is alone in its image.
+            own pairs; of `vsd` (T, D, G). A name is absent if every true pose is alone in its
+            image.
+        detections: all estimates in each image that holds the object, for BOP's detection; from
+            `bop_errors.add_bop_errors`, else empty.
     """
 
     found: np.ndarray
@@ -69,6 +75,13 @@ class ObjectErrors:
     diameter: float | None
     in_front: np.ndarray | None = None
     pairs: dict[str, list[np.ndarray]] = field(default_factory=dict)
+    detections: list[Detections] = field(default_factory=list)
+
+    def measured(self, name: str) -> np.ndarray:
+        """The true poses (n,) for which an error has a meaning, whatever the estimate."""
+        if name in PIXELS and self.in_front is not None:
+            return self.in_front
+        return np.ones(len(self.found), dtype=bool)
 
 
 def evaluate(

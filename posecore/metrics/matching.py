@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -40,13 +40,22 @@ def match(estimates: PoseTable, ground_truth: PoseTable) -> np.ndarray:
 
 
 def groups(
-    estimates: PoseTable, ground_truth: PoseTable
+    estimates: PoseTable,
+    ground_truth: PoseTable,
+    counts: Mapping[tuple[int, int, int], int] | None = None,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """For each object in each image the rows of its surest estimates, and of its true poses."""
+    """For each object in each image the rows of its surest estimates, and of its true poses.
+
+    Args:
+        estimates, ground_truth: the tables.
+        counts: (scene, image, object) -> how many estimates; as many as true poses by default.
+    """
     estimated = rows_by_key(estimates)
+    counts = {} if counts is None else counts
     for key, rows in rows_by_key(ground_truth).items():
         candidates = np.array(estimated.get(key, []), dtype=int)
-        surest = np.argsort(-estimates.score[candidates], kind="stable")[: len(rows)]
+        count = counts.get(key, len(rows))
+        surest = np.argsort(-estimates.score[candidates], kind="stable")[:count]
         yield candidates[surest], np.array(rows)
 
 

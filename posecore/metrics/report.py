@@ -7,14 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posecore.metrics import summaries
-from posecore.metrics.detection import match_by_error
+from posecore.metrics import bop_scores, summaries
 from posecore.metrics.evaluation import HEAD_ANGLES, IOU_THRESHOLDS, ObjectErrors
 
 __all__ = ["Line", "report", "summarise", "to_text"]
-
-MSSD_THRESHOLDS = np.arange(1, 11) * 0.05  # of the diameter; Hodan et al., BOP Challenge 2020
-MSPD_THRESHOLDS = np.arange(1, 11) * 5.0  # pixels, in an image 640 wide
 
 COUNT = "poses"
 CORRECT = "correct, % of all ground truth"
@@ -22,6 +18,7 @@ CORRECT_FOUND = "correct, % of the estimated"
 CORRECT_COUNT = "correct, number of poses"
 AREA = "area under the accuracy curve to 10 cm, %"
 RECALL = "BOP average recall, %"
+DETECTION = "BOP24 detection, average precision, %"
 PRECISION = "average precision of the box, %"
 MEDIAN = "median of the estimated"
 ANGLES = "single angles of the estimated (R = Ry(yaw) Rx(pitch) Rz(roll)), degrees"
@@ -35,7 +32,6 @@ MEDIANS = {  # name -> label, factor to the printed unit
     "projection": ("2D projection, px", 1),
     "mspd": ("MSPD, px", 1),
 }
-PIXELS = ("projection", "mspd")
 DIGITS = {COUNT: 0, CORRECT_COUNT: 0, MEDIAN: 3, ANGLES: 2}  # else 1
 
 
@@ -74,7 +70,7 @@ def report(errors: Mapping[int, ObjectErrors], image_width: float = 640) -> list
         values = {i: column.get((section, label)) for i, column in columns.items()}
         known = [value for value in values.values() if value is not None]
         counted = section in (COUNT, CORRECT_COUNT)
-        alone = section == PRECISION  # of one class by definition
+        alone = section in (DETECTION, PRECISION)  # of one class by definition
         lines.append(
             Line(
                 section,
@@ -114,19 +110,17 @@ def summarise(
         if some := _having(parts, name):
             errors = _join(some, lambda part, name=name: part.errors[name])
             lines[AREA, label] = 100 * summaries.auc(errors, 0.1)
-    if some := _having(parts, "mssd"):
-        units = [part.diameter for part in some]
-        lines[RECALL, "MSSD"] = 100 * _bop_recall(some, "mssd", units, MSSD_THRESHOLDS)
-    if some := _having(parts, "mspd"):
-        units = [image_width / 640] * len(some)
-        lines[RECALL, "MSPD"] = 100 * _bop_recall(some, "mspd", units, MSPD_THRESHOLDS)
+    for label, recall in bop_scores.average_recalls(parts, image_width).items():
+        lines[RECALL, label] = 100 * recall
+    for label, precision in bop_scores.average_precisions(parts, image_width).items():
+        lines[DETECTION, label] = 100 * precision
     for threshold in IOU_THRESHOLDS:
         if some := [part.precision[threshold] for part in parts if threshold in part.precision]:
             lines[PRECISION, f"3D IoU > {threshold}"] = 100 * float(np.mean(some))
     for name, (label, factor) in MEDIANS.items():
         if some := _having(parts, name):
             errors = _join(
-                some, lambda part, name=name: part.errors[name][part.found & _measured(part, name)]
+                some, lambda part, name=name: part.errors[name][part.found & part.measured(name)]
             )
             if errors.size:
                 lines[MEDIAN, label] = factor * float(np.median(errors))
@@ -140,39 +134,7 @@ def summarise(
 
 
 def _having(parts: Sequence[ObjectErrors], name: str) -> list[ObjectErrors]:
-    return [part for part in parts if name in part.errors and _measured(part, name).any()]
-
-
-def _measured(part: ObjectErrors, name: str) -> np.ndarray:
-    """The true poses (n,) for which an error has a meaning, whatever the estimate."""
-    if name in PIXELS and part.in_front is not None:
-        return part.in_front
-    return np.ones(len(part.found), dtype=bool)
-
-
-def _bop_recall(
-    parts: Sequence[ObjectErrors], name: str, units: Sequence[float], thresholds: np.ndarray
-) -> float:
-    """Average recall in [0, 1], with pairs of its own at each threshold.
-
-    Args:
-        parts, name: whose errors, and which.
-        units: by which the errors of each part are divided before they are compared.
-        thresholds: (T,).
-    """
-    recalled, there = 0, 0
-    for part, unit in zip(parts, units, strict=True):
-        rows = _measured(part, name)
-        there += int(rows.sum())
-        if name not in part.pairs:  # every true pose is alone in its image
-            right = part.errors[name][rows, None] / unit < thresholds
-            recalled += int(right.sum())
-            continue
-        for errors in part.pairs[name]:
-            scores = -np.arange(len(errors))  # the surest come first
-            for threshold in thresholds:
-                recalled += int(match_by_error(errors / unit, scores, threshold).sum())
-    return recalled / (there * len(thresholds))
+    return [part for part in parts if name in part.errors and part.measured(name).any()]
 
 
 def _join(
@@ -209,7 +171,7 @@ def _correct(parts: Sequence[ObjectErrors]) -> dict[str, tuple[np.ndarray, np.nd
     for label, (some, right) in rules.items():
         if some:
             name = "projection" if label.startswith("2D projection") else ""
-            rows = [_measured(part, name) for part in some]
+            rows = [part.measured(name) for part in some]
             pairs = list(zip(some, rows, strict=True))
             result[label] = (
                 np.concatenate([right(part)[mask] for part, mask in pairs]),

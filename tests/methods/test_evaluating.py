@@ -547,3 +547,117 @@ def test_estimates_of_what_is_no_target_cost_no_precision(dataset, capsys):
     out, _ = capsys.readouterr()
     assert cells(out, "average precision of the box, %", "3D IoU > 0.5")[0] == "100.0"
     assert cells(out, "poses", "ground truth")[0] == "4"
+
+
+@pytest.fixture
+def seen(dataset):
+    """The BOP dataset with depth, and how much is visible: less of object 1 in each image."""
+    scene = dataset / "test" / "000001"
+    (scene / "depth").mkdir()
+    shares = [0.9, 0.5, 0.2, 0.05]
+    infos = {
+        str(i): [{"visib_fract": s, "bbox_visib": [0, 0, 1, 1]} for s in (share, 0.9)]
+        for i, share in enumerate(shares)
+    }
+    (scene / "scene_gt_info.json").write_text(json.dumps(infos))
+    for i in range(4):
+        cv2.imwrite(str(scene / "depth" / f"{i:06d}.png"), np.zeros((480, 640), np.uint16))
+    return dataset
+
+
+def test_bop_scores_of_a_dataset_with_depth(seen, capsys):
+    """Three of four are 3 mm off, of 14 cm; the fourth is hardly visible and was not found.
+
+    Their silhouettes, 10 cm wide, miss 3 mm on either side: VSD is 0.11, below eight thresholds of
+    ten, but for the smallest image, whose pixels are coarse.
+    """
+    assert main(["evaluate", str(seen / "est.csv"), f"bop:{seen}"]) == 0
+    out, err = capsys.readouterr()
+    recalls = [float(cells(out, "BOP average recall, %", n)[0]) for n in ("VSD", "MSSD", "MSPD")]
+    assert recalls == [pytest.approx(60, abs=5), 75, 75]
+    mean = float(cells(out, "BOP average recall, %", "AR, their mean")[0])
+    assert mean == pytest.approx(np.mean(recalls), abs=0.1)
+    section = "BOP24 detection, average precision, %"
+    assert cells(out, section, "MSSD")[0] == "100.0"
+    assert cells(out, section, "AP, their mean") == ["100.0", "-", "-", "100.0*"]
+    assert "note: 1 of 8 true poses are less than 10% visible" in err
+    assert "VSD" not in err
+
+
+def test_only_what_is_visible_enough(seen, capsys):
+    words = ["evaluate", str(seen / "est.csv"), f"bop:{seen}", "--visible"]
+    assert main([*words, "0.3"]) == 0
+    out, err = capsys.readouterr()
+    assert cells(out, "poses", "ground truth") == ["2", "4", "6", "-"]
+    assert cells(out, "BOP average recall, %", "MSSD")[0] == "100.0"
+    assert "less than 10%" not in err
+    for value in ("0.95", "-0.1", "1.5", "nan"):
+        assert main([*words, value]) == 2
+        assert capsys.readouterr().err.startswith("error: --visible: expected")
+    (seen / "test" / "000001" / "scene_gt_info.json").unlink()
+    assert main([*words, "0.3"]) == 2
+    assert "error: --visible: expected a scene_gt_info.json" in capsys.readouterr().err
+
+
+def test_delta_of_vsd(seen, capsys):
+    """A wall 5 cm before the object hides it, or does not."""
+    for path in (seen / "test" / "000001" / "depth").iterdir():
+        cv2.imwrite(str(path), np.full((480, 640), 940, np.uint16))
+    words = ["evaluate", str(seen / "est.csv"), f"bop:{seen}"]
+    assert main(words) == 0
+    assert cells(capsys.readouterr().out, "BOP average recall, %", "VSD")[0] == "0.0"
+    assert main([*words, "--vsd-delta", "200"]) == 0
+    assert float(cells(capsys.readouterr().out, "BOP average recall, %", "VSD")[0]) > 50
+    assert main([*words, "--vsd-delta", "-1"]) == 2
+    assert capsys.readouterr().err.startswith("error: --vsd-delta: expected")
+
+
+def test_why_there_is_no_vsd(files, dataset, capsys):
+    assert evaluate(files) == 0
+    assert "no VSD and no AR, which need depth images: a CSV file has none" in (
+        capsys.readouterr().err
+    )
+    assert main(["evaluate", str(dataset / "est.csv"), f"bop:{dataset}"]) == 0
+    out, err = capsys.readouterr()
+    assert f"no VSD and no AR, which need depth images: {dataset / 'test'} has none" in err
+    assert "VSD" not in out and "AR," not in out
+    assert "MSSD" in out
+
+
+def test_a_mesh_without_faces_is_not_drawn(seen, capsys):
+    path = seen / "models" / "obj_000001.ply"
+    text = path.read_text().replace("element face 4", "element face 0")
+    path.write_text(text[: text.index("3 0 2 1")])
+    assert main(["evaluate", str(seen / "est.csv"), f"bop:{seen}"]) == 0
+    out, err = capsys.readouterr()
+    assert "no VSD and no AR of objects [1]: their meshes have no faces" in err
+    assert "VSD" not in out and "MSSD" in out
+
+
+def test_time_of_an_image(files, capsys):
+    text = (files / "est.csv").read_text()
+    (files / "est.csv").write_text(text.replace(",-1", ",0.25"))
+    assert evaluate(files, "--json", str(files / "out.json")) == 0
+    assert capsys.readouterr().out.endswith("\n\ntime of an image, mean of 3: 0.250 s\n")
+    content = json.loads((files / "out.json").read_text())
+    assert content["time"] == {"seconds of an image": {"mean": 0.25, "images": 3}}
+    (files / "est.csv").write_text(text.replace(",-1", ",0.25", 1).replace(",-1", ",0.5"))
+    assert evaluate(files) == 0
+    out, err = capsys.readouterr()
+    assert "time" not in out
+    assert "note: no time of an image: time: expected the same for all estimates" in err
+
+
+def test_estimates_of_what_an_image_does_not_hold(dataset, capsys):
+    path = dataset / "test" / "000001" / "scene_gt.json"
+    content = json.loads(path.read_text())
+    del content["2"][1]
+    path.write_text(json.dumps(content))
+    assert main(["evaluate", str(dataset / "est.csv"), f"bop:{dataset}"]) == 0
+    assert "note: 1 of the estimates are of objects" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["--targets", "--visible"])
+def test_options_of_a_dataset_for_a_file(files, capsys, name):
+    assert evaluate(files, name, "0.5") == 2
+    assert f"error: {name}: expected nothing, as the ground truth is no" in capsys.readouterr().err

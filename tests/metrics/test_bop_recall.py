@@ -14,7 +14,7 @@ from posecore.methods.main import main
 from posecore.metrics import PoseTable, evaluation
 from posecore.metrics.report import summarise
 from posecore.models import ObjectModel
-from tests.metrics.bop_loop import average_recall
+from tests.metrics.bop_loop import THRESHOLDS, average_recall, detection_precision, scaled
 
 K = np.array([[570.0, 0, 320], [0, 575, 240], [0, 0, 1]])
 WIDTH = 720
@@ -107,13 +107,17 @@ def test_pairs_by_distance_would_give_others():
     assert different > 5
 
 
+@pytest.mark.parametrize("least", [None, 0.4])
 @pytest.mark.parametrize("seed", range(3))
-def test_targets_and_their_counts(tmp_path, capsys, seed):
-    """Of several instances the most visible ones are targets; the others can be taken by nobody."""
+def test_targets_and_their_counts(tmp_path, capsys, seed, least):
+    """Of several instances the most visible ones are targets; the others can be taken by nobody.
+
+    With `--visible` all that are visible enough may be taken, by as many estimates as before.
+    """
     poses, estimates = scenes(seed)
     rng = np.random.default_rng(seed)
     for pose in poses:
-        pose["visible"] = float(np.round(rng.uniform(0.1, 1), 3))
+        pose["visible"] = float(np.round(rng.uniform(0, 1), 3))
     there, valid, counts, targets = {}, [False] * len(poses), {}, []
     for number, pose in enumerate(poses):
         there.setdefault((pose["image"], pose["object"]), []).append(number)
@@ -129,6 +133,11 @@ def test_targets_and_their_counts(tmp_path, capsys, seed):
     write_dataset(tmp_path, poses, targets)
     write_results(tmp_path / "est.csv", table(estimates))
     words = ["evaluate", str(tmp_path / "est.csv"), f"bop:{tmp_path}", "--targets", "targets.json"]
+    if least is not None:
+        words += ["--visible", str(least)]
+        valid = [
+            (pose["image"], pose["object"]) in counts and pose["visible"] >= least for pose in poses
+        ]
     assert main([*words, "--json", str(tmp_path / "out.json")]) == 0, capsys.readouterr().err
     content = json.loads((tmp_path / "out.json").read_text())
     assert content["poses"]["ground truth"]["all poses"] == sum(valid)
@@ -136,6 +145,14 @@ def test_targets_and_their_counts(tmp_path, capsys, seed):
         expected = average_recall(name, estimates, poses, valid, counts, MODELS, K, WIDTH)
         got = content["BOP average recall, %"][name.upper()]["all poses"]
         assert got == pytest.approx(100 * expected, abs=1e-6), name
+        gap = scaled(name, estimates, poses, MODELS, K, WIDTH)
+        counted = [pose["visible"] >= (0.1 if least is None else least) for pose in poses]
+        values = [
+            detection_precision(gap, THRESHOLDS[name], estimates, poses, counted, i) for i in MODELS
+        ]
+        got = content["BOP24 detection, average precision, %"][name.upper()]
+        assert list(got["objects"].values()) == pytest.approx([100 * v for v in values], abs=1e-6)
+        assert got["mean of objects"] == pytest.approx(100 * np.mean(values), abs=1e-6)
 
 
 def write_dataset(folder, poses, targets):

@@ -4,10 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from posecore import metrics
+from tests.metrics import bop_loop
 
 detections = st.lists(
     st.tuples(st.sampled_from([0.1, 0.2, 0.3, 0.5, 0.9]), st.booleans()), max_size=25
@@ -47,6 +48,45 @@ def test_average_precision_by_hand():
     assert metrics.average_precision([1, 1], [False, True], 1) == 0.5
 
 
+@given(detections, st.integers(0, 5))
+@settings(max_examples=15)
+def test_coco_precision_is_its_definition(rows, missed):
+    scores, correct = np.array([s for s, _ in rows]), np.array([c for _, c in rows], bool)
+    count = int(correct.sum()) + missed + (not correct.any())
+    got = metrics.coco_average_precision(scores, correct, count)
+    assert got == pytest.approx(bop_loop.coco(rows, count), abs=1e-12)
+
+
+def test_coco_precision_by_hand():
+    # right, wrong, right: precision 1 at the recalls 0 to 0.5, then 2/3.
+    expected = (51 + 50 * 2 / 3) / 101
+    assert metrics.coco_average_precision([3, 2, 1], [True, False, True], 2) == pytest.approx(
+        expected
+    )
+    assert metrics.coco_average_precision([], np.array([], bool), 3) == 0
+    assert metrics.coco_average_precision([1, 1], [False, True], 1) == 0.5  # in their order
+    with pytest.raises(ValueError, match="^correct"):
+        metrics.coco_average_precision([1], [True, False], 1)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=15)
+def test_many_thresholds_are_one_after_the_other(seed):
+    rng = np.random.default_rng(seed)
+    D, G, thresholds = rng.integers(0, 6), rng.integers(0, 4), np.array([0.1, 0.3, 0.8])
+    errors, scores = rng.uniform(0, 1, (3, D, G)), rng.choice([0.2, 0.5, 0.9], D)
+    errors[rng.random(errors.shape) < 0.2] = np.inf
+    got = metrics.match_at_thresholds(errors[0], scores, thresholds)
+    expected = [metrics.match_by_error(errors[0], scores, t) for t in thresholds]
+    np.testing.assert_array_equal(got, expected)
+    got = metrics.match_at_thresholds(errors, scores, thresholds)
+    expected = [
+        metrics.match_by_error(*x, t)
+        for *x, t in zip(errors, [scores] * 3, thresholds, strict=True)
+    ]
+    np.testing.assert_array_equal(got, expected)
+
+
 @given(st.integers(0, 2**32 - 1))
 def test_each_object_is_found_once(seed):
     rng = np.random.default_rng(seed)
@@ -77,6 +117,12 @@ def test_the_surest_choose_first():
         (lambda: metrics.match_by_overlap([[np.nan]], [1], 0.5), "overlaps"),
         (lambda: metrics.match_by_overlap([[0.5]], [np.inf], 0.5), "scores"),
         (lambda: metrics.match_by_overlap([[0.5]], [1], None), "threshold"),
+        (lambda: metrics.match_at_thresholds([[0.5]], [1, 2], [0.5]), "errors"),
+        (lambda: metrics.match_at_thresholds([[[0.5]]], [1], [0.5, 0.6]), "errors"),
+        (lambda: metrics.match_at_thresholds([[-0.5]], [1], [0.5]), "errors"),
+        (lambda: metrics.match_at_thresholds([[np.nan]], [1], [0.5]), "errors"),
+        (lambda: metrics.match_at_thresholds([[0.5]], [1], 0.5), "thresholds"),
+        (lambda: metrics.match_at_thresholds([[0.5]], [np.inf], [0.5]), "scores"),
         (lambda: metrics.average_precision([1], [True, False], 1), "correct"),
         (lambda: metrics.average_precision([1], [1], 1), "correct"),
         (lambda: metrics.average_precision([1, 2], [True, True], 1), "correct"),
