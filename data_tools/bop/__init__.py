@@ -3,6 +3,11 @@
 On disk BOP has millimetres; everything that leaves this package is in metres.
 """
 
+from data_tools.bop.category_results import (
+    has_categories,
+    read_category_results,
+    write_category_results,
+)
 from data_tools.bop.dataset import BopDataset
 from data_tools.bop.models import ModelInfo, ModelInfoWarning, Models
 from data_tools.bop.results import read_results, write_results
@@ -15,7 +20,10 @@ __all__ = [
     "ModelInfoWarning",
     "Models",
     "RotationWarning",
+    "has_categories",
+    "read_category_results",
     "read_results",
+    "write_category_results",
     "write_dataset",
     "write_results",
 ]

@@ -1,10 +1,23 @@
 """Metrics: errors of single poses, overlap of boxes, and what is made of many errors."""
 
-from posecore.metrics.boxes import box_corners, nocs_legacy_iou, oriented_iou_3d
+from posecore.metrics.boxes import (
+    box_corners,
+    nocs_legacy_iou,
+    oriented_iou_3d,
+    turned_iou_3d,
+)
+from posecore.metrics.categories import (
+    Similarity,
+    instance_rotation_error,
+    nocs_axes,
+    split_similarity,
+)
+from posecore.metrics.category_evaluation import CategoryErrors, evaluate_categories
+from posecore.metrics.category_report import report_categories
 from posecore.metrics.detection import average_precision, match_by_error, match_by_overlap
 from posecore.metrics.model_errors import add, add_s, mspd, mssd, projection_2d
 from posecore.metrics.pose_errors import axis_error, rotation_error, translation_error
-from posecore.metrics.pose_table import PoseTable
+from posecore.metrics.pose_table import CategoryPoseTable, PoseTable
 from posecore.metrics.summaries import (
     accuracy,
     accuracy_curve,
@@ -19,7 +32,10 @@ from posecore.metrics.summaries import (
 from posecore.symmetry import closest_symmetry
 
 __all__ = [
+    "CategoryErrors",
+    "CategoryPoseTable",
     "PoseTable",
+    "Similarity",
     "accuracy",
     "accuracy_curve",
     "add",
@@ -32,16 +48,22 @@ __all__ = [
     "balanced_mean_angular_error",
     "box_corners",
     "closest_symmetry",
+    "evaluate_categories",
+    "instance_rotation_error",
     "match_by_error",
     "match_by_overlap",
     "mean_absolute_error",
     "mspd",
     "mssd",
+    "nocs_axes",
     "nocs_legacy_iou",
     "oriented_iou_3d",
     "projection_2d",
+    "report_categories",
     "root_mean_squared_error",
     "rotation_error",
+    "split_similarity",
     "translation_error",
+    "turned_iou_3d",
     "within",
 ]
