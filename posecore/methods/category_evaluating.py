@@ -67,6 +67,8 @@ def evaluate_category_level(options: argparse.Namespace) -> None:
     )
     for text in _oddities(estimates, truth):
         note(text)
+    if protocol == "paper" and len(estimates) > 1 and len(np.unique(estimates.score)) == 1:
+        note("all scores are equal, no estimate comes first: AP is precision times recall")
     lines = report_categories(errors)
     if options.json:
         write_bytes(Path(options.json), _to_json(lines))
@@ -149,8 +151,6 @@ def _oddities(estimates: CategoryPoseTable, truth: _Truth) -> Iterator[str]:
     mugs = poses.category == "mug"
     if hidden := int((mugs & (poses.axis != 0).any(-1)).sum()):
         yield f"{hidden} of {mugs.sum()} mugs do not show their handle and count as symmetric"
-    if len(np.unique(estimates.score)) == 1 and len(estimates) > 1:
-        yield "all scores are equal, so that no estimate comes first: AP is precision times recall"
     for name in ("size", "t"):
         both = (getattr(table, name) for table in (estimates, poses) if len(table))
         medians = [float(np.median(np.linalg.norm(values, axis=-1))) for values in both]
