@@ -1,11 +1,7 @@
 """Metrics: errors of single poses, overlap of boxes, and what is made of many errors."""
 
-from posecore.metrics.boxes import (
-    box_corners,
-    nocs_legacy_iou,
-    oriented_iou_3d,
-    turned_iou_3d,
-)
+from posecore.metrics import matching, report
+from posecore.metrics.boxes import box_corners, nocs_legacy_iou, oriented_iou_3d, turned_iou_3d
 from posecore.metrics.categories import (
     Similarity,
     instance_rotation_error,
@@ -14,7 +10,14 @@ from posecore.metrics.categories import (
 )
 from posecore.metrics.category_evaluation import CategoryErrors, evaluate_categories
 from posecore.metrics.category_report import report_categories
-from posecore.metrics.detection import average_precision, match_by_error, match_by_overlap
+from posecore.metrics.detection import (
+    average_precision,
+    match_by_error,
+    match_by_overlap,
+    pair_by_overlap,
+)
+from posecore.metrics.evaluation import ObjectErrors, evaluate
+from posecore.metrics.matching import in_images, match
 from posecore.metrics.model_errors import add, add_s, mspd, mssd, projection_2d
 from posecore.metrics.pose_errors import axis_error, rotation_error, translation_error
 from posecore.metrics.pose_table import CategoryPoseTable, PoseTable
@@ -34,6 +37,7 @@ from posecore.symmetry import closest_symmetry
 __all__ = [
     "CategoryErrors",
     "CategoryPoseTable",
+    "ObjectErrors",
     "PoseTable",
     "Similarity",
     "accuracy",
@@ -48,17 +52,23 @@ __all__ = [
     "balanced_mean_angular_error",
     "box_corners",
     "closest_symmetry",
+    "evaluate",
     "evaluate_categories",
+    "in_images",
     "instance_rotation_error",
+    "match",
     "match_by_error",
     "match_by_overlap",
+    "matching",
     "mean_absolute_error",
     "mspd",
     "mssd",
     "nocs_axes",
     "nocs_legacy_iou",
     "oriented_iou_3d",
+    "pair_by_overlap",
     "projection_2d",
+    "report",
     "report_categories",
     "root_mean_squared_error",
     "rotation_error",
