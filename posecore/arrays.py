@@ -58,12 +58,20 @@ _AS_IS = contextlib.nullcontext()
 
 
 def fail(name: str, expected: str, got: object) -> NoReturn:
-    """Raise the library's one kind of error: which argument, what was expected, what came."""
+    """Raise the library's one kind of error: which argument, what was expected, what came.
+
+    Raises:
+        ValueError: always.
+    """
     raise ValueError(f"{name}: expected {expected}, got {got}")
 
 
 def require_choice(name: str, value: object, choices: Sequence[object]) -> None:
-    """Refuse a `value` that is not one of `choices`."""
+    """Refuse a `value` that is not one of `choices`.
+
+    Raises:
+        ValueError: if it is not one of them.
+    """
     if value not in choices:
         fail(name, "one of " + ", ".join(map(repr, choices)), repr(value))
 
@@ -71,7 +79,11 @@ def require_choice(name: str, value: object, choices: Sequence[object]) -> None:
 def require_integer(
     name: str, value: object, low: int | None = None, high: int | None = None
 ) -> int:
-    """Return `value` as an int, or refuse what is not an integer in [`low`, `high`]."""
+    """Return `value` as an int, or refuse what is not an integer in [`low`, `high`].
+
+    Raises:
+        ValueError: if it is no integer, a bool among these, or out of bounds.
+    """
     expected = "an integer" + _bounds(low, high)
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
         fail(name, expected, repr(value))
@@ -92,6 +104,9 @@ def require_number(
     """Return `value` as a float, or refuse what is not a finite number in [`low`, `high`].
 
     `above` is a lower bound that the value may not touch: `above=0` asks for a positive number.
+
+    Raises:
+        ValueError: if it is no number, not finite, or out of bounds.
     """
     expected = "a finite number" + _bounds(low, high)
     if above is not None:
@@ -155,13 +170,21 @@ def somewhere(condition: Tensor) -> bool:
 
 
 def require_finite(name: str, values: Tensor, expected: str = "finite values") -> None:
-    """Refuse values that are not finite, where there are any to look at."""
+    """Refuse values that are not finite, where there are any to look at.
+
+    Raises:
+        ValueError: if one is not, `expected` saying what was.
+    """
     if values_known():
         _check_finite(name, values, expected)
 
 
 def to_numbers(name: str, values: object) -> np.ndarray:
-    """Numbers of any kind as a float64 array, for functions that work in NumPy; may be infinite."""
+    """Numbers of any kind as a float64 array, for functions that work in NumPy; may be infinite.
+
+    Raises:
+        ValueError: if it is no array of real numbers, is ragged, or has masked values.
+    """
     if isinstance(values, Tensor):
         values = values.detach().cpu()
         values = (values.float() if values.dtype == torch.bfloat16 else values).numpy()

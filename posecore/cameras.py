@@ -154,6 +154,9 @@ def crop_intrinsics(K: Array, x: float | Array, y: float | Array) -> Array:
 
     Returns:
         (..., 3, 3) camera matrix of the crop.
+
+    Raises:
+        ValueError: if `K` is no camera matrix, or `x` or `y` do not fit it.
     """
     require_intrinsics("K", K)
     x, y = _like("x", x, K), _like("y", y, K)
@@ -193,6 +196,9 @@ def crop_and_resize_intrinsics(
 
     Returns:
         (..., 3, 3) camera matrix of the result.
+
+    Raises:
+        ValueError: if `K` is no camera matrix, or a width or height is not positive.
     """
     require_intrinsics("K", K)
     new_width, new_height = _require_size("new_size", new_size)

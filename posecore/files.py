@@ -15,7 +15,11 @@ __all__ = ["own_stream", "require_path", "write_bytes"]
 
 
 def require_path(name: str, value: str | Path) -> Path:
-    """Return `value` as a path; refuse "", which `Path` takes for the folder one stands in."""
+    """Return `value` as a path; refuse "", which `Path` takes for the folder one stands in.
+
+    Raises:
+        ValueError: if it is no name of a file or folder.
+    """
     if not isinstance(value, str | Path) or not str(value) or "\0" in str(value):
         raise ValueError(f"{name}: expected the name of a file or a folder, got {value!r}")
     return Path(value)

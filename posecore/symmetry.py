@@ -75,6 +75,9 @@ def closest_symmetry(
 
     Returns:
         `R` (..., 3, 3) and `t` (..., 3), the true pose after the best symmetry.
+
+    Raises:
+        ValueError: if `symmetries` are no rigid motions, or products of the rotations not finite.
     """
     require_symmetries(symmetries)
     nearness = (R_gt.mT @ R_est).flatten(-2) @ symmetries[:, :3, :3].flatten(-2).T  # (..., S)
@@ -85,7 +88,11 @@ def closest_symmetry(
 
 
 def require_symmetries(symmetries: Tensor) -> None:
-    """Refuse what are not rigid transforms (S, 4, 4)."""
+    """Refuse what are not rigid transforms (S, 4, 4).
+
+    Raises:
+        ValueError: if a last row is not 0 0 0 1, or a matrix is off a rotation by more than 1e-3.
+    """
     if somewhere(symmetries[:, 3] != symmetries.new_tensor([0, 0, 0, 1])):
         fail("symmetries", "matrices with a last row 0 0 0 1", "others")
     require_rotation("symmetries", symmetries[:, :3, :3])

@@ -10,9 +10,20 @@
 objects.
 """
 
+from data_tools.batches import compositing, sensing, warps
 from data_tools.batches.augmentation import Augmentation
 from data_tools.batches.random_crops import CropPool, RandomCrops
 from data_tools.batches.sequence import Batches
 from data_tools.batches.stacking import Stack, load
 
-__all__ = ["Augmentation", "Batches", "CropPool", "RandomCrops", "Stack", "load"]
+__all__ = [
+    "Augmentation",
+    "Batches",
+    "CropPool",
+    "RandomCrops",
+    "Stack",
+    "compositing",
+    "load",
+    "sensing",
+    "warps",
+]

@@ -70,6 +70,9 @@ class Augmentation:
         """The random choices for so many images.
 
         They are drawn whatever is switched off, so that what is left stays as it was.
+
+        Raises:
+            ValueError: if `count` or `seed` is no integer of at least 0.
         """
         require_integer("count", count, 0)
         require_integer("seed", seed, 0)

@@ -15,7 +15,11 @@ NONE, OUTSIDE = 255, 254  # in an image of instances: no object; beyond the bord
 
 
 def make_chunk(dataset: Dataset, depth_step: float, number: int) -> tuple[Record, dict]:
-    """The table and the images of a chunk."""
+    """The table and the images of a chunk.
+
+    Raises:
+        ValueError: naming the view whose images differ in kind or size from those of the first.
+    """
     indices = range(len(dataset))[number * CHUNK_SIZE : (number + 1) * CHUNK_SIZE]
     views = [dataset[index] for index in indices]
     objects = [item for view in views for item in view.objects]

@@ -14,7 +14,11 @@ __all__ = ["to_indices", "to_integers"]
 
 
 def to_integers(name: str, values: Any) -> np.ndarray:
-    """One or several integers as an int64 array; a ValueError for others."""
+    """One or several integers as an int64 array; a ValueError for others.
+
+    Raises:
+        ValueError: if it is none, or ragged.
+    """
     whole = isinstance(values, int | np.integer | np.ndarray | Tensor)
     try:
         array = np.asarray(values if whole else list(values))
@@ -26,7 +30,11 @@ def to_integers(name: str, values: Any) -> np.ndarray:
 
 
 def to_indices(name: str, values: Any, count: int) -> Tensor:
-    """At least one index below `count` as an int64 tensor; a ValueError for others."""
+    """At least one index below `count` as an int64 tensor; a ValueError for others.
+
+    Raises:
+        ValueError: if there is none, or one is no integer from 0 to `count` - 1.
+    """
     array = to_integers(name, values)
     if array.ndim == 0 or array.size == 0:
         fail(name, "at least one, in a row", f"shape {array.shape}")

@@ -81,6 +81,9 @@ class RandomCrops:
             "rgb" (B, 3, h, w), "K" (B, 3, 3) and "instance" (B, h, w); and of the objects in the
             image of each crop "object_id" (B, M), "R" (B, M, 3, 3) and "t" (B, M, 3): what
             `Stack.frames` says of them.
+
+        Raises:
+            ValueError: if `count` is no integer of at least 1.
         """
         count = require_integer("count", count, 1)
         rows = self._rows[torch.randint(len(self._rows), (count,), generator=generator)]
@@ -129,7 +132,11 @@ class CropPool:
 
     def draw(self, count: int, *, generator: torch.Generator) -> dict[str, Tensor]:
         """A batch of `count` of them, for `Batches`: what `RandomCrops.draw` returns; colours in
-        steps of 1/255."""
+        steps of 1/255.
+
+        Raises:
+            ValueError: if `count` is no integer of at least 1.
+        """
         rows = torch.randint(len(self), (require_integer("count", count, 1),), generator=generator)
         batch = {name: values[rows] for name, values in self._all.items()}
         batch["rgb"] = batch["rgb"].permute(0, 3, 1, 2).float() / 255

@@ -130,7 +130,11 @@ def reduced_image(
 
 
 def require_size(name: str, size: object) -> tuple[int, int]:
-    """(width, height) of a size that is one number or two."""
+    """(width, height) of a size that is one number or two.
+
+    Raises:
+        ValueError: if it is neither one nor two integers of at least 1.
+    """
     if isinstance(size, int | np.integer):
         size = (size, size)
     try:

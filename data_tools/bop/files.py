@@ -109,7 +109,12 @@ def find_image(folder: Path, stem: str) -> Path:
 
 
 def read_rgb(path: Path) -> np.ndarray:
-    """A colour image (H, W, 3), uint8, red first; grey in all three, and without alpha."""
+    """A colour image (H, W, 3), uint8, red first; grey in all three, and without alpha.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is no image, or has not 8 bits.
+    """
     image = decode_picture(path, read_bytes(path))
     if image.dtype != np.uint8:
         raise ValueError(f"{path}: expected three channels of 8 bits, got {describe(image)}")
@@ -119,7 +124,12 @@ def read_rgb(path: Path) -> np.ndarray:
 
 
 def read_grey(path: Path) -> np.ndarray:
-    """A grey image (H, W), uint8 or uint16; one of three channels if they are equal."""
+    """A grey image (H, W), uint8 or uint16; one of three channels if they are equal.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is no image, has colours, or neither 8 nor 16 bits.
+    """
     image = decode_picture(path, read_bytes(path))
     grey = image if image.ndim == 2 else image[..., 0]
     equal = image.ndim == 2 or (image[..., :3] == grey[..., None]).all()
@@ -134,6 +144,10 @@ def read_depth(path: Path, scale: float) -> np.ndarray:
     Args:
         path: an image of one channel of 16 bits.
         scale: millimetres per unit of the image.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is no image, or not of one channel of 16 bits.
     """
     image = decode_picture(path, read_bytes(path))
     if image.dtype != np.uint16 or image.ndim != 2:
@@ -143,7 +157,12 @@ def read_depth(path: Path, scale: float) -> np.ndarray:
 
 
 def read_mask(path: Path) -> np.ndarray:
-    """A mask (H, W), bool: true where the image, grey or coloured, is not black."""
+    """A mask (H, W), bool: true where the image, grey or coloured, is not black.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is no image, or has neither 8 nor 16 bits.
+    """
     data = read_bytes(path)
     image = decode_picture(path, data)
     if image.dtype not in (np.uint8, np.uint16):
@@ -180,7 +199,11 @@ def _refuse_constant(text: str) -> None:
 
 
 def read_number(where: str, entry: Any, key: str) -> float:
-    """The finite number under `key` of a JSON object; `where` names file and place in messages."""
+    """The finite number under `key` of a JSON object; `where` names file and place in messages.
+
+    Raises:
+        ValueError: if it is missing or none.
+    """
     value = _entry(where, entry, key)
     if type(value) not in (int, float) or not abs(value) <= sys.float_info.max:
         raise ValueError(f"{where}: {key}: expected a finite number, got {_short(value)}")
@@ -188,7 +211,11 @@ def read_number(where: str, entry: Any, key: str) -> float:
 
 
 def read_integer(where: str, entry: Any, key: str) -> int:
-    """The integer from 0 to `LARGEST_ID` under `key` of a JSON object."""
+    """The integer from 0 to `LARGEST_ID` under `key` of a JSON object.
+
+    Raises:
+        ValueError: if it is missing or none.
+    """
     value = _entry(where, entry, key)
     if type(value) is not int or not 0 <= value <= LARGEST_ID:
         bounds = f"from 0 to {LARGEST_ID}" if type(value) is int and value > 0 else "of at least 0"
@@ -197,7 +224,11 @@ def read_integer(where: str, entry: Any, key: str) -> int:
 
 
 def read_numbers(where: str, entry: Any, key: str, count: int) -> np.ndarray:
-    """The `count` finite numbers under `key` of a JSON object, as float64."""
+    """The `count` finite numbers under `key` of a JSON object, as float64.
+
+    Raises:
+        ValueError: if they are missing, another number of them, or none.
+    """
     value = _entry(where, entry, key)
     # Sets of types and NumPy, since a scene holds a million numbers.
     if isinstance(value, list) and len(value) == count and set(map(type, value)) <= {int, float}:

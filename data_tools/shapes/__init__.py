@@ -1,5 +1,6 @@
 """Procedural objects, made from a seed."""
 
+from data_tools.shapes import building, implicit, pieces
 from data_tools.shapes.categories import CATEGORIES, make_category
 from data_tools.shapes.floors import make_floor
 from data_tools.shapes.glasses import GLASSES, make_glasses
@@ -15,10 +16,13 @@ __all__ = [
     "Material",
     "Mesh",
     "Subject",
+    "building",
+    "implicit",
     "make_category",
     "make_floor",
     "make_glasses",
     "make_object",
     "make_seat",
     "make_subject",
+    "pieces",
 ]

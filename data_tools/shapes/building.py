@@ -115,7 +115,11 @@ def random_paint(
 def on_plane(
     material: Material, corner: Sequence[float], right: Sequence[float], up: Sequence[float]
 ) -> Material:
-    """A material whose pattern's unit square lies at `corner`, with sides `right` and `up`."""
+    """A material whose pattern's unit square lies at `corner`, with sides `right` and `up`.
+
+    Raises:
+        ValueError: if `right` and `up` are parallel.
+    """
     r, u = np.asarray(right, np.float64), np.asarray(up, np.float64)
     out = np.cross(r, u)
     if not out.any():
@@ -129,6 +133,9 @@ def around(material: Material, low: float, high: float, facing: float = 0.0) -> 
     """A material whose pattern runs around z, 0 at height `low` and 1 at `high`.
 
     `facing` turns it about z, degrees.
+
+    Raises:
+        ValueError: if `high` is not above `low`.
     """
     require_number("high", high, above=low)
     c, s, rise = np.cos(np.radians(facing)), np.sin(np.radians(facing)), 1 / (high - low)
@@ -137,13 +144,21 @@ def around(material: Material, low: float, high: float, facing: float = 0.0) -> 
 
 
 def turn(axis: str, degrees: float) -> np.ndarray:
-    """(3, 3) rotation about "x", "y" or "z"."""
+    """(3, 3) rotation about "x", "y" or "z".
+
+    Raises:
+        ValueError: for another axis.
+    """
     require_choice("axis", axis, ("x", "y", "z"))
     return Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
 
 
 def turns(axis: Sequence[float], count: int) -> np.ndarray:
-    """(count, 4, 4) rotations about an axis through the origin in equal steps, identity first."""
+    """(count, 4, 4) rotations about an axis through the origin in equal steps, identity first.
+
+    Raises:
+        ValueError: if `count` is below 1, or the axis is no direction.
+    """
     require_integer("count", count, 1)
     axis = to_numbers("axis", axis)
     if axis.shape != (3,) or not np.isfinite(axis).all() or not axis.any():
@@ -173,6 +188,9 @@ def assemble(
         centre: whether the origin is put into the middle of the bounding box.
         symmetries: (S, 4, 4) in the frame of the object, default the identity alone.
         axis: (3,) of revolution, in the frame of the object.
+
+    Raises:
+        ValueError: if there are no parts.
     """
     if not parts:
         fail("parts", "at least one", 0)

@@ -30,6 +30,9 @@ def make_floor(seed: int, side: float = 2.0) -> Mesh:
 
     Returns:
         a mesh of two faces, open; colours of little saturation, so that objects stand out.
+
+    Raises:
+        ValueError: if `seed` is no integer of at least 0, or `side` is not positive.
     """
     require_integer("seed", seed, 0)
     half = require_number("side", side, above=0) / 2

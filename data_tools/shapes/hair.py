@@ -32,7 +32,11 @@ _FOREHEAD = ball((0, -0.028, -0.008), (0.07, 0.088, 0.062))  # and all the face:
 def grow_hair(
     style: str, head: Shape, p: Proportions, strands: Material, rng: np.random.Generator
 ) -> list[Part]:
-    """Hair or a hat, in a style of `HAIR`."""
+    """Hair or a hat, in a style of `HAIR`.
+
+    Raises:
+        ValueError: for another style.
+    """
     require_choice("style", style, HAIR)
     return _STYLES[style](head, p, strands, rng)
 
@@ -146,7 +150,11 @@ HAIR = tuple(_STYLES)
 
 
 def grow_beard(style: str, head: Shape, p: Proportions, strands: Material) -> list[Part]:
-    """A beard of `BEARDS`; stubble is a matter of the skin's pattern."""
+    """A beard of `BEARDS`; stubble is a matter of the skin's pattern.
+
+    Raises:
+        ValueError: for another style.
+    """
     require_choice("style", style, BEARDS)
     h = p.height
     hairs = replace(strands, scale=20)

@@ -22,7 +22,11 @@ Point = Sequence[float]
 
 
 def ball(centre: Point, radii: Point | float) -> Shape:
-    """An ellipsoid along the axes."""
+    """An ellipsoid along the axes.
+
+    Raises:
+        ValueError: if a radius is not positive.
+    """
     middle, half = np.asarray(centre, np.float64), np.broadcast_to(radii, 3).astype(np.float64)
     if not (half > 0).all():
         fail("radii", "lengths above 0", half.tolist())
@@ -38,7 +42,11 @@ def ball(centre: Point, radii: Point | float) -> Shape:
 
 
 def limb(start: Point, end: Point, radius: float, end_radius: float | None = None) -> Shape:
-    """A capsule whose radius runs from one end to the other."""
+    """A capsule whose radius runs from one end to the other.
+
+    Raises:
+        ValueError: if both ends are one point.
+    """
     a, b = np.asarray(start, np.float64), np.asarray(end, np.float64)
     if np.array_equal(a, b):
         fail("start, end", "two different points", a.tolist())
@@ -63,7 +71,11 @@ def _soft_min(one: np.ndarray, other: np.ndarray, width: float) -> np.ndarray:
 
 
 def blend(shapes: Sequence[Shape], width: float) -> Shape:
-    """The union of shapes, joints rounded over about `width` metres."""
+    """The union of shapes, joints rounded over about `width` metres.
+
+    Raises:
+        ValueError: if there are no shapes, or `width` is not positive.
+    """
     require_number("width", width, above=0)
     if not shapes:
         fail("shapes", "at least one", 0)
@@ -78,7 +90,11 @@ def blend(shapes: Sequence[Shape], width: float) -> Shape:
 
 
 def carve(shape: Shape, cutters: Sequence[Shape], width: float) -> Shape:
-    """A shape less others, edges rounded over about `width` metres."""
+    """A shape less others, edges rounded over about `width` metres.
+
+    Raises:
+        ValueError: if `width` is not positive.
+    """
     require_number("width", width, above=0)
 
     def distance(points: np.ndarray) -> np.ndarray:
@@ -91,7 +107,11 @@ def carve(shape: Shape, cutters: Sequence[Shape], width: float) -> Shape:
 
 
 def common(one: Shape, other: Shape, width: float) -> Shape:
-    """What lies in both shapes, edges rounded over about `width` metres."""
+    """What lies in both shapes, edges rounded over about `width` metres.
+
+    Raises:
+        ValueError: if `width` is not positive.
+    """
     require_number("width", width, above=0)
     return lambda points: -_soft_min(-one(points), -other(points), width)
 
@@ -234,6 +254,9 @@ def radial(
         faces: (F, 3) of the sphere that they form.
         reach: metres, beyond the shape in every direction.
         material: of the whole.
+
+    Raises:
+        ValueError: if `centre` is not inside, or the shape reaches farther than `reach`.
     """
     middle = np.asarray(centre, np.float64)
     radii = np.linspace(0, reach, 25)

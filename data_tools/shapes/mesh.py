@@ -32,6 +32,9 @@ class Material:
             bright in one light and dark in another often vanish in infrared.
         seed: which variant of a pattern that has variants, such as the words on a label.
         place: 3 x 4, row after row: the affine map from the object's coordinates to the pattern's.
+
+    Raises:
+        ValueError: naming the attribute that does not fit this description.
     """
 
     colour: Colour
@@ -79,6 +82,9 @@ class Mesh:
         symmetries: (S, 4, 4) motions that leave the object as it is, identity first; of an axis of
             revolution, its turns in equal steps.
         axis: (3,) the axis of revolution through the origin, None where there is none.
+
+    Raises:
+        ValueError: naming the attribute that does not fit this description.
     """
 
     name: str

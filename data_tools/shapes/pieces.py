@@ -30,6 +30,9 @@ def spline(points: Sequence[Sequence[float]], count: int, closed: bool = False) 
 
     Returns:
         (count, D).
+
+    Raises:
+        ValueError: if there are fewer than two points, or `count` is below 2.
     """
     points = to_numbers("points", points)
     if points.ndim != 2 or len(points) < 2:
@@ -68,6 +71,9 @@ def loft(
         material: of the whole.
         around: whether the last ring is joined to the first; else both ends get caps.
         crease: rad.
+
+    Raises:
+        ValueError: if there are fewer than two rings, or than three points in a ring.
     """
     rings = to_numbers("rings", rings)
     if rings.ndim != 3 or rings.shape[0] < 2 or rings.shape[1] < 3 or rings.shape[2] != 3:
@@ -213,6 +219,9 @@ def box(size: Sequence[float], radius: float, material: Material, steps: int = 2
         radius: of the edges, above 0 and under half of the smallest side.
         material: of the whole.
         steps: quadrilaterals across an eighth of an edge's circle.
+
+    Raises:
+        ValueError: if `size` is not three lengths, or `radius` does not fit it.
     """
     half = to_numbers("size", size) / 2
     if half.shape != (3,):

@@ -135,7 +135,11 @@ def foreground(view: View) -> np.ndarray:
 
 
 def require_glasses_scale(value: float) -> float:
-    """Return a `glasses_scale` for `draw`, or refuse it; 0.7 in float32 is a little less."""
+    """Return a `glasses_scale` for `draw`, or refuse it; 0.7 in float32 is a little less.
+
+    Raises:
+        ValueError: if it is no number from the least to the largest of `GLASSES_SCALES`.
+    """
     value = require_number("glasses_scale", value)
     return require_number("glasses_scale", round(value, 6), *GLASSES_SCALES)
 

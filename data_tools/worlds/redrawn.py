@@ -56,7 +56,11 @@ class Redrawn(Dataset):
         return WORLD.object_ids
 
     def models(self) -> WorldModels:
-        """The glasses' meshes and what is known of their shape."""
+        """The glasses' meshes and what is known of their shape.
+
+        Raises:
+            ValueError: if the glasses' scale is out of bounds.
+        """
         scale = require_glasses_scale(self.conditions.get("glasses_scale", 1.0))
         if scale == 1:
             return WORLD.models

@@ -149,7 +149,11 @@ class _Gathering(torch.autograd.Function):
 
 
 def to_indices(indices: Array, device: torch.device) -> Tensor:
-    """The argument `indices` of a public function as an int64 tensor."""
+    """The argument `indices` of a public function as an int64 tensor.
+
+    Raises:
+        ValueError: if they are no integers, or ragged.
+    """
     if not isinstance(indices, Tensor):
         try:
             array = np.array(indices)
@@ -164,7 +168,11 @@ def to_indices(indices: Array, device: torch.device) -> Tensor:
 
 
 def table(values: Tensor, indices: Tensor) -> tuple[Tensor, Tensor]:
-    """All rows of `values` (..., N, C) in one table (B * N, C), and where in it `indices` point."""
+    """All rows of `values` (..., N, C) in one table (B * N, C), and where in it `indices` point.
+
+    Raises:
+        ValueError: if the indices have other batch dimensions, or point outside the cloud.
+    """
     *batch, n, channels = values.shape
     if list(indices.shape[: len(batch)]) != batch:
         expected = f"the batch dimensions {tuple(batch)} of the values first"

@@ -1,12 +1,13 @@
 """Figures: curves, pictures with poses drawn in, point clouds, and a 3D viewer for pages."""
 
-from posecore.figures import photographs, results
+from posecore.figures import encoding, photographs, results, scene, style
 from posecore.figures.charts import chart, draw_chart
-from posecore.figures.clouds3d import point_clouds
+from posecore.figures.clouds3d import draw_scene, point_clouds
 from posecore.figures.curves import accuracy_curves, error_histogram
 from posecore.figures.images import picture, picture_grid, pose_picture
-from posecore.figures.live import training_curves
+from posecore.figures.live import Display, Recorded, training_curves
 from posecore.figures.overlays import (
+    box_edges,
     draw_axes,
     draw_box,
     draw_ellipse,
@@ -17,9 +18,12 @@ from posecore.figures.style import Picture
 from posecore.figures.viewer import Viewer
 
 __all__ = [
+    "Display",
     "Picture",
+    "Recorded",
     "Viewer",
     "accuracy_curves",
+    "box_edges",
     "chart",
     "draw_axes",
     "draw_box",
@@ -27,6 +31,8 @@ __all__ = [
     "draw_ellipse",
     "draw_keypoints",
     "draw_outline",
+    "draw_scene",
+    "encoding",
     "error_histogram",
     "photographs",
     "picture",
@@ -34,5 +40,7 @@ __all__ = [
     "point_clouds",
     "pose_picture",
     "results",
+    "scene",
+    "style",
     "training_curves",
 ]

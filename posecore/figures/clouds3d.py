@@ -76,7 +76,11 @@ def point_clouds(
 
 @house_style
 def draw_scene(scene: Scene, views: Sequence[str], unit: str, alt: str | None) -> Picture:
-    """The figure of a scene; for the arguments see `point_clouds`."""
+    """The figure of a scene; for the arguments see `point_clouds`.
+
+    Raises:
+        ValueError: if `unit` or a view is none that there is, or there are no views.
+    """
     require_choice("unit", unit, tuple(UNITS))
     if isinstance(views, str) or not views:
         fail("views", "a sequence of " + ", ".join(map(repr, VIEWS)), repr(views))

@@ -97,6 +97,9 @@ def box_edges(R: Array, t: Array, size: Array, centre: Array) -> tuple[np.ndarra
     Args:
         R, t: (3, 3) and (3,), the pose of the object.
         size, centre: (3,) and (3,), edge lengths and centre of the box in the object's frame.
+
+    Raises:
+        ValueError: on shapes that do not fit, what is not finite, or an `R` without an inverse.
     """
     R, t, size = to_floats("R", R, 3, 3), to_floats("t", t, 3), to_floats("size", size, 3)
     middle = R @ to_floats("centre", centre, 3) + t

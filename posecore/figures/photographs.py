@@ -67,6 +67,10 @@ def window_of_pose(
         middle: (3,) the middle of the object in the camera's frame, metres; z above 0.
         diameter: of the object, metres.
         margin: from the middle to each side, in diameters.
+
+    Raises:
+        ValueError: on shapes that do not fit, a diameter that is not positive, or an object behind
+            the camera.
     """
     K, middle = to_floats("K", K, 3, 3), to_floats("middle", middle, 3)
     pixel = cameras.project(K, middle[None])[0]

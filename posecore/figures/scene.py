@@ -72,7 +72,11 @@ def build_scene(
     lines: Mapping[str, Array] | None,
     up: str,
 ) -> Scene:
-    """Check and gather what a 3D figure shows; for the arguments see `point_clouds`."""
+    """Check and gather what a 3D figure shows; for the arguments see `point_clouds`.
+
+    Raises:
+        ValueError: naming the argument that is not as there, or if there is nothing to show.
+    """
     require_choice("up", up, ("z", "-y"))
     lines = {} if lines is None else lines
     colours = {} if colours is None else colours

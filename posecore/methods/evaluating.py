@@ -15,6 +15,7 @@ from data_tools.views import ModelSet
 from posecore import rotations
 from posecore.arrays import fail, require_number
 from posecore.files import write_bytes
+from posecore.methods.category_evaluating import evaluate_category_level, is_category_level
 from posecore.methods.notes import note
 from posecore.methods.outputs import check_outputs, say_beside
 from posecore.methods.surfaces import DatasetSurfaces
@@ -31,7 +32,10 @@ DESCRIPTION = """Measure estimated poses against ground truth, per object and ov
 and ADD(-S) (below 0.1 d, and the area under the curve to 10 cm), 2D projection, n deg m cm, 3D IoU
 of the boxes, errors of rotation, translation and single angles; BOP's average recalls of VSD, MSSD
 and MSPD with their mean AR, BOP24's average precision of detection, and the time of an image. VSD,
-and with it AR, needs bop:PATH with depth images, in which the models are drawn."""
+and with it AR, needs bop:PATH with depth images, in which the models are drawn.
+Estimates that have a category and a size in each line (columns category,size after those of BOP)
+are measured by the protocol of NOCS: average precision of 3D boxes and of poses. Their ground truth
+is such a file with the column axis, or `categories`, the world."""
 EPILOG = """Estimates are a CSV file in the BOP format (scene_id,im_id,obj_id,score,R,t,time;
 millimetres); ground truth is such a file too, or bop:PATH, linemod:PATH or hmdpose:PATH, the folder
 of a dataset. A pose that was not estimated counts as wrong; of an image with n instances of an
@@ -50,7 +54,8 @@ def add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     command.add_argument(
         "ground_truth",
         metavar="GROUND_TRUTH",
-        help="a CSV file, bop:PATH, linemod:PATH or hmdpose:PATH",
+        help="a CSV file, bop:PATH, linemod:PATH or hmdpose:PATH; with categories a CSV file or "
+        "categories",
     )
     command.add_argument("--split", help="of a dataset: which part, if there are several")
     command.add_argument(
@@ -101,6 +106,12 @@ def add_evaluate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--curve", metavar="FILE", help="draw the accuracy curve of ADD(-S): .png, .pdf or .svg"
     )
     command.add_argument("--json", metavar="FILE", help="write all values, unrounded")
+    command.add_argument(
+        "--protocol",
+        choices=("paper", "code"),
+        help="with categories: what NOCS's paper says (default), or what its public code does, "
+        "whose numbers stand in published tables",
+    )
 
 
 def evaluate(options: argparse.Namespace) -> None:
@@ -110,6 +121,10 @@ def evaluate(options: argparse.Namespace) -> None:
         ValueError: for an option that cannot be, or files that do not fit or are damaged.
         OSError: if a file cannot be read or written.
     """
+    if is_category_level(options):
+        return evaluate_category_level(options)
+    if options.protocol:
+        fail("--protocol", "nothing, as the estimates have no categories", options.protocol)
     _check_outputs(options)
     estimates = read_results(options.estimates, rotations=options.rotations)
     truth = read_truth(options)

@@ -15,7 +15,7 @@ from posecore import poses
 from posecore.arrays import Array, array_function, fail, require_finite, require_integer, somewhere
 from posecore.rotations import axis_angle_to_matrix, require_rotation
 
-__all__ = ["box_corners", "nocs_legacy_iou", "oriented_iou_3d"]
+__all__ = ["box_corners", "nocs_legacy_iou", "oriented_iou_3d", "turned_iou_3d"]
 
 SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))  # (8, 3) corners of [-1, 1]^3
 EDGES = np.array(  # (12, 2) corners that differ in one coordinate
@@ -136,6 +136,67 @@ def _clip_edges(corners: np.ndarray, half: np.ndarray) -> np.ndarray:
     kept = (enter <= leave) & ~(flat & (np.abs(start) > limit)).any(-1)
     ends = [start[kept] + when[kept, None] * step[kept] for when in (enter, leave)]
     return np.concatenate(ends).clip(-half, half)
+
+
+@array_function(**BOXES, axis="... 3")
+def turned_iou_3d(
+    R_1: Array,
+    t_1: Array,
+    size_1: Array,
+    R_2: Array,
+    t_2: Array,
+    size_2: Array,
+    axis: Array,
+    steps: int = 20,
+) -> Array:
+    """Intersection over union of two boxes, the first of which may turn freely about its axis.
+
+    So a bottle's box is measured, whose front is anywhere (Wang et al., Normalized Object
+    Coordinate Space, CVPR 2019, section 6). The turns that are tried begin at the one that brings
+    both boxes' axes nearest to each other: about that the result is exact where their sections
+    across the axis are alike, which steps from any other angle miss (two equal cubes, 9 degrees
+    from the nearest of 20 steps, would score 0.87).
+
+    Args:
+        R_1, t_1, size_1, R_2, t_2, size_2: (..., 3, 3), (..., 3) and (..., 3), metres.
+        axis: (..., 3) in the frame of the boxes, of any length; zeros for a box that may not turn.
+        steps: how many turns are tried.
+
+    Returns:
+        (...) in [0, 1], float64, the largest of them. Not differentiable.
+
+    Raises:
+        ValueError: as `oriented_iou_3d`; if `steps` is below 1.
+    """
+    steps = require_integer("steps", steps, 1)
+    arguments = ((R_1, 2), (t_1, 1), (size_1, 1), (R_2, 2), (t_2, 1), (size_2, 1), (axis, 1))
+    batch = np.broadcast_shapes(*(x.shape[: x.ndim - core] for x, core in arguments))
+    R_1, t_1, size_1, R_2, t_2, size_2, axis = (
+        x.expand(*batch, *(3,) * core).reshape(-1, *(3,) * core) for x, core in arguments
+    )
+    iou = oriented_iou_3d(R_1, t_1, size_1, R_2, t_2, size_2)
+    rows = (axis != 0).any(-1)
+    if somewhere(rows):
+        unit = axis[rows] / axis[rows].abs().amax(-1, keepdim=True)  # whose square is no 0
+        unit = unit / unit.norm(dim=-1, keepdim=True)
+        # Half a turn about one of its own axes leaves a box as it is.
+        alike = steps % 2 == 0 and bool(((unit != 0).sum(-1) == 1).all())
+        angles = _nearest_turn(R_1[rows].mT @ R_2[rows], unit)[:, None]
+        count = steps // 2 if alike else steps
+        angles = angles + torch.arange(count).to(angles) * (2 * torch.pi / steps)
+        turns = axis_angle_to_matrix(angles[..., None] * unit[:, None])  # (M, count, 3, 3)
+        others = (x[rows][:, None] for x in (t_1, size_1, R_2, t_2, size_2))
+        iou[rows] = oriented_iou_3d(R_1[rows][:, None] @ turns, *others).amax(-1)
+    return iou.reshape(batch)
+
+
+def _nearest_turn(relative: torch.Tensor, axis: torch.Tensor) -> torch.Tensor:
+    """The angle (...) of the turn about a unit axis that is nearest to a rotation (..., 3, 3)."""
+    along = (axis * (relative @ axis[..., None])[..., 0]).sum(-1)
+    trace = relative.diagonal(dim1=-2, dim2=-1).sum(-1)
+    skew = relative - relative.mT
+    sine = (torch.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], -1) * axis).sum(-1)
+    return torch.atan2(sine, trace - along)
 
 
 @array_function(**BOXES)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from posecore.metrics.pose_table import PoseTable
 
-__all__ = ["groups", "in_images", "match", "rows_by_key"]
+__all__ = ["each_with_each", "groups", "in_images", "match", "rows_by_key"]
 
 FARTHEST = 1e200  # metres: squares of what is farther apart are infinite, and have no sum
 
@@ -65,3 +65,29 @@ def rows_by_key(table: PoseTable) -> dict[tuple[int, int, int], list[int]]:
     for row, (image, object_id) in enumerate(zip(table.images, table.object_id, strict=True)):
         rows[*image, int(object_id)].append(row)
     return rows
+
+
+def each_with_each(
+    images: Sequence[tuple[np.ndarray, np.ndarray]],
+) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray], list[np.ndarray]]]:
+    """Every estimate of an image beside every true pose in it.
+
+    Args:
+        images: of each image the rows (D,) of the estimates and (G,) of the true poses.
+
+    Returns:
+        The rows of the estimates (P,) and of the true poses (P,) of all these pairs, and a function
+        that cuts their values (P,) into those of each image (D, G).
+    """
+    grids = [np.meshgrid(*image, indexing="ij") for image in images]
+    one, other = (
+        np.concatenate([np.zeros(0, int), *(grid[i].ravel() for grid in grids)]) for i in (0, 1)
+    )
+    shapes = [grid[0].shape for grid in grids]
+    ends = np.cumsum([grid[0].size for grid in grids])[:-1]
+
+    def apart(values: np.ndarray) -> list[np.ndarray]:
+        parts = np.split(values, ends) if shapes else []
+        return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+
+    return one, other, apart

@@ -31,7 +31,11 @@ def at_best_motion(
     points: Tensor,
     arguments: tuple[Tensor, ...],
 ) -> tuple[Tensor, Tensor]:
-    """The true poses, the last two of the arguments, each after the motion that `search` finds."""
+    """The true poses, the last two of the arguments, each after the motion that `search` finds.
+
+    Raises:
+        ValueError: if `symmetries` are no rigid motions.
+    """
     R_gt, t_gt = arguments[-2:]
     if symmetries is None:
         return R_gt, t_gt

@@ -21,6 +21,7 @@ RECALL = "BOP average recall, %"
 DETECTION = "BOP24 detection, average precision, %"
 PRECISION = "average precision of the box, %"
 MEDIAN = "median of the estimated"
+MEDIAN_OF_PAIRS = "median of the pairs"
 ANGLES = "single angles of the estimated (R = Ry(yaw) Rx(pitch) Rz(roll)), degrees"
 ADD_KINDS = {"add": "ADD", "add_s": "ADD-S", "add_or_s": "ADD(-S)"}
 MEDIANS = {  # name -> label, factor to the printed unit
@@ -32,7 +33,8 @@ MEDIANS = {  # name -> label, factor to the printed unit
     "projection": ("2D projection, px", 1),
     "mspd": ("MSPD, px", 1),
 }
-DIGITS = {COUNT: 0, CORRECT_COUNT: 0, MEDIAN: 3, ANGLES: 2}  # else 1
+PIXELS = ("projection", "mspd")
+DIGITS = {COUNT: 0, CORRECT_COUNT: 0, MEDIAN: 3, MEDIAN_OF_PAIRS: 3, ANGLES: 2}  # else 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +43,14 @@ class Line:
 
     Attributes:
         section, label: what it is called.
-        objects: object id -> value, None where it could not be computed.
+        objects: object id, or category -> value, None where it could not be computed.
         pooled: the value over all poses, each with the same weight.
         mean: the mean over the objects, each with the same weight; None for counts.
     """
 
     section: str
     label: str
-    objects: dict[int, float | None]
+    objects: dict[int, float | None] | dict[str, float | None]
     pooled: float | None
     mean: float | None
 
@@ -211,11 +213,13 @@ def to_text(lines: list[Line], width: int = 120) -> str:
         width: characters; objects that do not fit beside each other follow below.
     """
     objects = list(lines[0].objects)
-    heads = [f"obj {i}" for i in objects]
+    heads = [i if isinstance(i, str) else f"obj {i}" for i in objects]
     cells = {line: [*line.objects.values()] for line in lines}
+    pooled = any(line.pooled is not None for line in lines)
     if len(objects) > 1:
-        heads += ["all", "mean"]
-        cells = {line: [*row, line.pooled, line.mean] for line, row in cells.items()}
+        heads += ["all", "mean"] if pooled else ["mean"]
+        ends = {line: [line.pooled, line.mean][not pooled :] for line in lines}
+        cells = {line: [*row, *ends[line]] for line, row in cells.items()}
     shown = {line: _show(line, row) for line, row in cells.items()}
     column = max(9, 2 + max(map(len, heads)))
     label = 2 + max(len(line.label) for line in lines)
@@ -232,7 +236,7 @@ def to_text(lines: list[Line], width: int = 120) -> str:
             row = "".join(cell.rjust(column) for cell in shown[line][some])
             text.append(("  " + line.label).ljust(label) + row)
         text.append("")
-    if len(objects) > 1:
+    if len(objects) > 1 and pooled:
         text.append("all: every pose has the same weight; mean: every object has.")
     if any("*" in cell for row in shown.values() for cell in row):
         text.append("*: of those objects only that have a value in the line.")

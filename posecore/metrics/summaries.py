@@ -50,6 +50,9 @@ def accuracy_curve(errors: Array, thresholds: Array) -> np.ndarray:
 
     Returns:
         (T,) shares in [0, 1].
+
+    Raises:
+        ValueError: if there are no errors, or one is negative or not a number.
     """
     ordered = np.sort(_errors(errors))
     return np.searchsorted(ordered, _thresholds("thresholds", thresholds), side="left") / len(
@@ -70,6 +73,10 @@ def auc(errors: Array, max_threshold: float = 0.1) -> float:
 
     Returns:
         A number in [0, 1].
+
+    Raises:
+        ValueError: if there are no errors, one is negative or not a number, or the threshold is not
+            positive.
     """
     limit = require_number("max_threshold", max_threshold, above=0)
     return float((1 - np.minimum(_errors(errors), limit) / limit).mean())
@@ -85,6 +92,9 @@ def average_recall(errors: Array, thresholds: Array) -> float:
     Args:
         errors: (N,) errors, infinite where the estimate is missing.
         thresholds: (T,) thresholds in the unit of the errors, at least one.
+
+    Raises:
+        ValueError: if there are no errors or thresholds, or one is negative or not a number.
     """
     curve = accuracy_curve(errors, thresholds)
     if not curve.size:
@@ -106,6 +116,10 @@ def within(
 
     Returns:
         (N,) booleans.
+
+    Raises:
+        ValueError: if there are no errors, one is negative or not a number, the shapes differ, or a
+            limit is not positive.
     """
     rotation = _errors(rotation_errors, "rotation_errors")
     translation = _errors(translation_errors, "translation_errors")
@@ -123,12 +137,20 @@ def angle_difference(estimated: Array, true: Array) -> Array:
 
 
 def mean_absolute_error(errors: Array) -> float:
-    """The mean of |errors| (N,), signed or not; infinite if an estimate is missing."""
+    """The mean of |errors| (N,), signed or not; infinite if an estimate is missing.
+
+    Raises:
+        ValueError: if there are no errors, or one is not a number.
+    """
     return float(_errors(np.abs(to_numbers("errors", errors))).mean())
 
 
 def root_mean_squared_error(errors: Array) -> float:
-    """The root of the mean of errors^2 (N,), signed or not; infinite if an estimate is missing."""
+    """The root of the mean of errors^2 (N,), signed or not; infinite if an estimate is missing.
+
+    Raises:
+        ValueError: if there are no errors, or one is not a number.
+    """
     sizes = _errors(np.abs(to_numbers("errors", errors)))
     largest = sizes.max()
     if largest in (0, np.inf):

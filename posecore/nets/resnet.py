@@ -141,7 +141,11 @@ class ResNet(nn.Module):
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 
     def forward(self, images: Tensor) -> Maps:
-        """The maps of images (B, in_channels, H, W); sides that do not divide are rounded up."""
+        """The maps of images (B, in_channels, H, W); sides that do not divide are rounded up.
+
+        Raises:
+            ValueError: if the images have another shape, or none of their sides.
+        """
         channels = self.conv1.in_channels
         if images.ndim != 4 or images.shape[1] != channels or not images.numel():
             fail("images", f"shape (B, {channels}, H, W), none 0", f"shape {tuple(images.shape)}")

@@ -42,6 +42,9 @@ class Checkpoints:
             taken as it is.
         writes: whether `save` does anything; of several processes only one may, and only it looks
             at the origins.
+
+    Raises:
+        ValueError: if `folder` is a file, or no name of a folder.
     """
 
     def __init__(

@@ -85,6 +85,9 @@ def uses_bfloat16(precision: str, device: torch.device, model: nn.Module) -> boo
     `"auto"` does so for networks that convolve images, on hardware that knows these numbers;
     elsewhere they are slower than float32. Small nets on points and codes would gain as much, but
     their outputs are the answer itself, which three digits are not enough for.
+
+    Raises:
+        ValueError: if `precision` is none of `PRECISIONS`.
     """
     require_choice("precision", precision, PRECISIONS)
     if precision != "auto":

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection
@@ -185,3 +185,56 @@ def test_legacy_iou_takes_the_best_turn_of_a_symmetric_object():
 def test_bad_input_is_named(call, name):
     with pytest.raises(ValueError, match=name):
         call()
+
+
+# Boxes that may turn ------------------------------------------------------------------------------
+
+
+def turned(R, axis, angle):
+    return R @ Rotation.from_rotvec(axis / np.linalg.norm(axis) * angle).as_matrix()
+
+
+@settings(max_examples=8)
+@given(seeds, st.booleans())
+def test_a_turned_box_is_as_good_as_the_best_of_many_turns(seed, upright):
+    """Never better than is possible, never more than a little worse than 90 turns."""
+    rng = np.random.default_rng(seed)
+    axis = np.array([0, 2.0, 0]) if upright else rng.normal(size=3)
+    one, two = random_box(rng, 0.3), random_box(rng, 0.3)
+    angles = np.arange(90) * 2 * np.pi / 90
+    turns = np.stack([turned(one[0], axis, angle) for angle in angles])
+    best = metrics.oriented_iou_3d(turns, *one[1:], *two).max()
+    iou = metrics.turned_iou_3d(*one, *two, axis)
+    assert iou >= metrics.oriented_iou_3d(*one, *two) - 0.03
+    assert best - 0.03 <= iou <= best + 0.01
+
+
+@settings(max_examples=15)
+@given(seeds)
+def test_what_is_only_turned_overlaps_wholly(seed):
+    """Whatever the angle: 20 steps from the estimate's own angle would miss it."""
+    rng = np.random.default_rng(seed)
+    R, t, size = random_box(rng)
+    axis = rng.normal(size=3)
+    other = turned(R, axis, rng.uniform(-4, 4))
+    assert metrics.turned_iou_3d(R, t, size, other, t, size, axis) == pytest.approx(1, abs=1e-6)
+
+
+def test_the_docstrings_example():
+    nine = turned(EYE, np.array([0, 1, 0]), np.deg2rad(9))
+    step = np.deg2rad(18) * np.arange(20)
+    turns = np.stack([turned(EYE, np.array([0, 1, 0]), angle) for angle in step])
+    assert metrics.oriented_iou_3d(turns, ZERO, ONE, nine, ZERO, ONE).max() == pytest.approx(
+        0.87, abs=0.005
+    )
+
+
+def test_each_box_turns_about_its_own_axis_or_not_at_all():
+    quarter = turned(EYE, np.array([0, 1, 0]), np.pi / 2)
+    size, axes = np.array([1, 1, 3.0]), np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1]])
+    iou = metrics.turned_iou_3d(EYE, ZERO, size, quarter, ZERO, size, axes)
+    np.testing.assert_allclose(iou, [0.2, 1, 0.2], atol=1e-9)
+    whole = metrics.turned_iou_3d(EYE, ZERO, size, quarter, ZERO, size, axes, steps=1)
+    np.testing.assert_allclose(whole, [0.2, 1, 0.2], atol=1e-9)
+    with pytest.raises(ValueError, match="steps"):
+        metrics.turned_iou_3d(EYE, ZERO, size, quarter, ZERO, size, axes, steps=0)

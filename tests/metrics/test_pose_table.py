@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from posecore.metrics import PoseTable
+from posecore.metrics import CategoryPoseTable, PoseTable
 
 
 def table(n=3, **changes):
@@ -67,3 +68,62 @@ def test_types_are_the_same_whatever_comes_in():
 def test_bad_input_is_named(changes, name):
     with pytest.raises(ValueError, match=name):
         table(**changes)
+
+
+# Categories ---------------------------------------------------------------------------------------
+
+
+def categories(n=3, **changes):
+    columns = {
+        "category": ["mug", "can", "mug"][:n],
+        "R": np.tile(np.eye(3), (n, 1, 1)),
+        "t": np.arange(3.0 * n).reshape(n, 3),
+        "size": np.tile([0.1, 0.2, 0.2], (n, 1)),
+    }
+    return CategoryPoseTable.from_arrays(**(columns | changes))
+
+
+def test_each_row_has_its_category_size_and_scale():
+    some = categories(axis=[0, 1, 0])
+    assert some.category.tolist() == ["mug", "can", "mug"]
+    assert some.axis.tolist() == [[0, 1, 0]] * 3 and categories().axis.tolist() == [[0, 0, 0]] * 3
+    np.testing.assert_allclose(some.scale, 0.3)
+    assert some.score.tolist() == [1, 1, 1] and some.time.tolist() == [-1, -1, -1]
+    assert len(categories(0)) == len(CategoryPoseTable.from_arrays([], [], [], [])) == 0
+    assert categories(category="mug").category.tolist() == ["mug"] * 3
+
+
+def test_rows_of_categories_are_chosen_in_every_column():
+    whole = categories(score=[0.1, 0.2, 0.3], image_id=[4, 5, 6])
+    some = whole[np.array([True, False, True])]
+    assert isinstance(some, CategoryPoseTable)
+    assert some.category.tolist() == ["mug", "mug"] and some.size.shape == (2, 3)
+    assert some.images == [(0, 4), (0, 6)] and some.score.tolist() == [0.1, 0.3]
+    assert whole[1].category.tolist() == ["can"]
+
+
+def test_tensors_come_in_as_well():
+    t = torch.arange(9.0, requires_grad=True).reshape(3, 3)
+    some = categories(t=t, image_id=torch.tensor([1, 2, 3]), score=torch.ones(3))
+    assert some.t.tolist() == t.tolist() and some.image_id.tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({"category": ["mug", "can"]}, "category"),
+        ({"category": ["mug", "", "can"]}, "category"),
+        ({"category": [1, 2, 3]}, "category"),
+        ({"size": np.zeros((3, 3))}, "size.*row 0"),
+        ({"size": np.ones(3)}, "size"),
+        ({"size": np.full((3, 3), np.nan)}, "size.*row 0"),
+        ({"axis": np.zeros((2, 3))}, "axis"),
+        ({"axis": np.full((3, 3), np.inf)}, "axis.*row 0"),
+        ({"t": []}, "t"),
+        ({"image_id": 0.5}, "image_id"),
+        ({"score": np.ones(2)}, "score"),
+    ],
+)
+def test_bad_categories_are_named(changes, name):
+    with pytest.raises(ValueError, match=name):
+        categories(**changes)

@@ -52,6 +52,9 @@ def first_met(voxels: Tensor, radius: float = 1.5, behind: float = 3.0) -> Tenso
 
     Returns:
         (..., N) bool.
+
+    Raises:
+        ValueError: if a voxel is not finite.
     """
     require_finite("voxels", voxels)
     across = torch.cdist(voxels[..., :2], voxels[..., :2])

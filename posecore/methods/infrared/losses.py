@@ -32,6 +32,9 @@ def blur_masks(masks: Tensor, variance: float) -> Tensor:
 
     Returns:
         (..., H, W).
+
+    Raises:
+        ValueError: if the variance is negative or no number.
     """
     if require_number("variance", variance, 0) == 0:
         return masks

@@ -56,6 +56,9 @@ def regression_loss(net: PictureRegression, said: PoseNumbers, values: Tensor) -
     """Mean absolute error of the six numbers, each in units of half its range.
 
     Args, returns, raises: as of `bins_loss`.
+
+    Raises:
+        ValueError: if `values` have another shape.
     """
     if values.shape != said.values.shape:
         fail("values", f"shape {tuple(said.values.shape)}", f"shape {tuple(values.shape)}")

@@ -145,6 +145,11 @@ def hypothesis_covariance(
 
 
 def require_threshold(threshold: float) -> float:
+    """Return the least cosine of an inlier, or refuse it.
+
+    Raises:
+        ValueError: if it is no number above 0 and below 1.
+    """
     return require_number("threshold", threshold, high=1 - 1e-9, above=0)
 
 

@@ -145,6 +145,9 @@ class MaskedFields:
         Args:
             parts: at least one.
             precision: of the vectors; half of it is good to a thirtieth of a degree.
+
+        Raises:
+            ValueError: if there are no parts.
         """
         if not parts:
             fail("parts", "at least one", "none")

@@ -26,6 +26,9 @@ class Objective:
         models: the objects of the network, in its order.
         loss: which losses, with which weights.
         pixels_per_object: at most so many of each object in each image; None for all.
+
+    Raises:
+        ValueError: if the models are none, or have no keypoints or different numbers of them.
     """
 
     def __init__(

@@ -54,6 +54,9 @@ def overlap(points: Array, R: Array, t: Array, camera: Array, mask: Array) -> Ar
 
     Returns:
         (...) 0 to 1. Where another thing is in front, even of the true pose less than 1.
+
+    Raises:
+        ValueError: if the pose moves the points out of the range of numbers.
     """
     height, width = mask.shape[-2:]
     pixels = _pixels(points, R, t, camera).round()

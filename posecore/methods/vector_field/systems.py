@@ -136,7 +136,11 @@ class VectorFieldSystem:
         refiner: FieldRefiner | None = None,
         **options: Any,
     ) -> VectorFieldSystem:
-        """One of `SYSTEMS`; `options` are those of the class."""
+        """One of `SYSTEMS`; `options` are those of the class.
+
+        Raises:
+            ValueError: for another name; or as the class.
+        """
         require_choice("name", name, list(SYSTEMS))
         return cls(net, models, refiner, SYSTEMS[name], **options)
 

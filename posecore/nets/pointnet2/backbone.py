@@ -102,7 +102,11 @@ class PointNet2(nn.Module):
         return seeds
 
     def stages(self, geometry: Geometry, features: Tensor | None = None) -> dict[str, Seeds]:
-        """What every layer gives, by name: SA1, SA2, ..., then FP1, ...: the rows of Table 2."""
+        """What every layer gives, by name: SA1, SA2, ..., then FP1, ...: the rows of Table 2.
+
+        Raises:
+            ValueError: if the geometry is of other layers, or a feature is not finite.
+        """
         self._check(geometry)
         if isinstance(features, Tensor):  # else they would stay in the norms' statistics
             require_finite("features", features)

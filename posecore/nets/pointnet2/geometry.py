@@ -176,7 +176,11 @@ class Geometry:
 
 
 def require_layers(layers: Sequence[Abstraction]) -> tuple[Abstraction, ...]:
-    """Sizes as they can be, from fine to coarse; else a ValueError that names `layers`."""
+    """Sizes as they can be, from fine to coarse; else a ValueError that names `layers`.
+
+    Raises:
+        ValueError: naming the entry of `layers` that cannot be.
+    """
     layers = tuple(Abstraction(*layer) for layer in layers)
     if not layers:
         fail("layers", "at least one", "none")

@@ -9,12 +9,14 @@ from hypothesis import strategies as st
 
 from data_tools.renderer import prepare, render_labels
 from data_tools.shapes import CATEGORIES, make_category, make_floor
+from data_tools.shapes.building import turn
 from data_tools.storage.records import encode_record
 from data_tools.views import ObjectView, View
 from data_tools.worlds import categories, category_scenes
 from data_tools.worlds.categories import (
     INSTANCES,
     WORLD,
+    handle_visible,
     nocs_map,
     object_coordinates,
     object_id,
@@ -181,6 +183,41 @@ def test_nocs_map_is_the_scaled_box(views, data):
     back = (values[item.mask] - 0.5) * np.linalg.norm(item.size)
     # float32 next to 1/2 has steps of 6e-8, a few of which come together over half a metre.
     assert np.allclose(back, object_coordinates(view)[item.mask], atol=2e-7)
+
+
+def mug_seen(instance, azimuth, elevation=20.0):
+    """A mug before the camera, its handle (+x) `azimuth` degrees from the camera's right."""
+    mesh = make_category("mug", instance)
+    R = turn("x", 180 + elevation) @ turn("y", azimuth)
+    t, K = np.array([0, 0, 0.5]), np.array([[400.0, 0, 63.5], [0, 400, 63.5], [0, 0, 1]])
+    labels = render_labels([prepare(mesh)], [(R, t)], K, (128, 128))
+    mask = labels.visible_masks[0]
+    coordinates = np.where(mask[..., None], labels.coordinates, 0)
+    item = ObjectView(
+        object_id=object_id("mug", instance), category="mug", R=R, t=t, mask=mask,
+        size=mesh.size, coordinates=coordinates,
+    )  # fmt: skip
+    handle = coordinates[mask][:, 0] > mesh.size[0] / 2 - 0.01  # its outermost centimetre
+    return View(K=K, scene_id=0, image_id=0, objects=(item,)), bool(handle.any())
+
+
+@pytest.mark.parametrize("instance", [0, 5, 50])
+def test_a_mugs_handle_is_seen_unless_it_is_behind(instance):
+    seen = []
+    for azimuth in range(0, 360, 30):
+        view, there = mug_seen(instance, azimuth, 0.0)
+        seen.append(handle_visible(view))
+        assert seen[-1] or not there  # what reaches farthest out is missed nowhere
+    assert seen[0] and seen[6] and seen.count(False) in range(1, 5)
+    behind = mug_seen(instance, 90, 0.0)[0], mug_seen(instance, 270, 0.0)[0]
+    assert sorted(map(handle_visible, behind)) == [False, True]
+
+
+def test_only_mugs_have_handles(views):
+    for view in views[:6]:
+        if view.objects[0].category != "mug":
+            with pytest.raises(ValueError, match="a mug"):
+                handle_visible(view)
 
 
 @given(st.sampled_from(CATEGORIES), st.integers(0, 71))
