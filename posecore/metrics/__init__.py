@@ -3,6 +3,7 @@
 from posecore.metrics.boxes import box_corners, nocs_legacy_iou, oriented_iou_3d
 from posecore.metrics.detection import average_precision, match_by_error, match_by_overlap
 from posecore.metrics.model_errors import add, add_s, mspd, mssd, projection_2d
+from posecore.metrics.overlaps import box_iou_2d, mask_iou
 from posecore.metrics.pose_errors import axis_error, rotation_error, translation_error
 from posecore.metrics.pose_table import PoseTable
 from posecore.metrics.summaries import (
@@ -31,7 +32,9 @@ __all__ = [
     "axis_error",
     "balanced_mean_angular_error",
     "box_corners",
+    "box_iou_2d",
     "closest_symmetry",
+    "mask_iou",
     "match_by_error",
     "match_by_overlap",
     "mean_absolute_error",
