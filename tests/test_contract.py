@@ -20,7 +20,7 @@ from torch import Tensor
 
 import data_tools
 import posecore
-from posecore import cameras, metrics
+from posecore import cameras, distortion, metrics, opengl
 from posecore.nets.rotation_heads import RotationCodec, RotationHead
 from posecore.rotations import validity
 
@@ -119,7 +119,7 @@ def test_the_docstring_says_the_shape() -> None:
 
 # Making their inputs ----------------------------------------------------------------------------
 
-SIZES = {"N": 6, "M": 5, "P": 7, "K": 4, "S": 2, "L": 6, "C": 4, "H": 5, "W": 7, "n": 6}
+SIZES = {"N": 6, "M": 5, "P": 7, "K": 4, "S": 2, "L": 6, "C": 4, "H": 5, "W": 7, "n": 6, "D": 5}
 
 Values = dict[str, np.ndarray]
 
@@ -133,6 +133,10 @@ def intrinsics(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
     K = np.tile(np.array([[90.0, 1, 3], [0, 80, 2], [0, 0, 1]]), (*shape[:-2], 1, 1))
     K[..., :2, :] *= rng.uniform(0.9, 1.1, (*shape[:-2], 1, 1))
     return K
+
+
+def projections(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
+    return opengl.intrinsics_to_projection(intrinsics((*shape[:-2], 3, 3), rng), (8, 6), 0.1, 9.0)
 
 
 def motions(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
@@ -164,9 +168,12 @@ KINDS = [
     ("K|camera", intrinsics),
     ("T|symmetries", motions),
     (r"t(_\w+)?", in_front),
-    (r"size(_\d)?|weights|diameter|scale|depth(_\w+)?|taus|boxes|box", positive),
+    (r"size(_\d)?|weights|diameter|scale|depth(_\w+)?|taus|boxes|box(_\d)?", positive),
     (r"\w+_normals", directions),
-    ("mask|inside", lambda shape, rng: rng.integers(0, 2, shape).astype(float)),
+    (r"mask(_\d)?|inside", lambda shape, rng: rng.integers(0, 2, shape).astype(float)),
+    ("fraction", lambda shape, rng: rng.uniform(0, 1, shape)),
+    ("distortion", lambda shape, rng: rng.uniform(-0.02, 0.02, shape)),
+    ("P", projections),
     ("covariances", lambda shape, rng: np.eye(2) * positive((*shape[:-2], 1, 1), rng)),
     (r"\w+", anything),
 ]
@@ -191,6 +198,13 @@ def _seen_points(given: Values) -> Values:
     return {"points_2d": pixels, "K": K} | ({"R": R, "t": t} if "R" in given else {})
 
 
+def _seen_through_a_lens(given: Values) -> Values:
+    seen = _seen_points(given)
+    return seen | {
+        "points_2d": distortion.distort_points(seen["points_2d"], seen["K"], given["distortion"])
+    }
+
+
 def _seen_wall(given: Values) -> Values:
     """A wall of depth 3, and the points of a patch of it."""
     points = cameras.depth_to_points(np.full((5, 7), 3.0), given["K"])
@@ -213,6 +227,8 @@ MAKERS: dict[str, Callable[[Values], Values]] = {
     "icp": lambda given: {"target": given["source"][:5], "R": np.eye(3), "t": np.zeros(3)},
     "project": lambda given: {"points": given["points"] + [0, 0, 9]},
     "pnp": _seen_points,
+    "pnp_distorted": _seen_through_a_lens,
+    "project_distorted": lambda given: {"points": given["points"] + [0, 0, 9]},
     "uncertainty_pnp": _seen_points,
     "refine_on_depth": _seen_wall,
 }
@@ -225,8 +241,10 @@ BESIDE: dict[str, Callable[[Values], dict[str, object]]] = {
     "farthest_point_sampling": lambda given: {"count": 3},
     "gather_points": lambda given: {"indices": spread(*given["values"].shape[:-2], 3)},
     "interpolate": lambda given: {"indices": spread(*given["weights"].shape)},
+    "intrinsics_to_projection": lambda given: {"size": (8, 6), "near": 0.1, "far": 9.0},
     "model_keypoints": lambda given: {"count": 3},
     "nearest_neighbours": lambda given: {"k": 2},
+    "projection_to_intrinsics": lambda given: {"size": (8, 6)},
     "resize_intrinsics": lambda given: {"old_size": (8, 6), "new_size": (4, 3)},
     "turned_crop": lambda given: {"size": (8, 6)},
     "widened": lambda given: {"size": (8, 6), "margin": 1.2},
@@ -350,7 +368,7 @@ def test_an_empty_batch_is_no_fault(function: FunctionType) -> None:
 BY_VALUES = {
     *("add_s", "mssd", "mspd", "oriented_iou_3d", "nearest_neighbours", "ball_query"),
     *("interpolation_weights", "three_nearest_interpolation", "farthest_point_sampling"),
-    *("chamfer_distance", "estimate_normals", "from_matrix"),
+    *("chamfer_distance", "diameter", "estimate_normals", "from_matrix"),
 }
 each_transformed = pytest.mark.parametrize(
     "function",

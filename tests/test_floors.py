@@ -13,7 +13,7 @@ PACKAGES = ("posecore", "data_tools", "book")
 FLOORS = {
     "arrays": 0, "rotations": 0, "scale": 0, "files": 0, "weights": 0, "fingerprint": 0,
     "loaded": 0, "command_line": 0, "randomness": 0, "lazy": 0,
-    "poses": 1, "cameras": 1, "clouds": 1, "symmetry": 1,
+    "poses": 1, "cameras": 1, "clouds": 1, "symmetry": 1, "distortion": 1, "opengl": 1,
     "splat": 1,
     "metrics": 2, "registration": 2, "models": 2,
     "nets": 3,

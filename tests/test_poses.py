@@ -1,5 +1,6 @@
 """Poses against products and inverses of 4 x 4 matrices."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from posecore import poses
@@ -227,3 +229,104 @@ BAD = [
 def test_bad_input(call: Callable, complaint: str) -> None:
     with pytest.raises(ValueError, match="^" + complaint):
         call()
+
+
+# Twists -------------------------------------------------------------------------------------------
+
+
+def hat_4(twist: np.ndarray) -> np.ndarray:
+    """The 4 x 4 matrix whose exponential is the pose; the translation's three numbers are first."""
+    v, (a, b, c) = twist[:3], twist[3:]
+    matrix = np.zeros((4, 4))
+    matrix[:3, :3] = [[0, -c, b], [c, 0, -a], [-b, a, 0]]
+    matrix[:3, 3] = v
+    return matrix
+
+
+def twists(seed: int, angle: float) -> np.ndarray:
+    v, w = np.random.default_rng(seed).normal(size=(2, 3))
+    return np.array([*v, *(angle * w / np.linalg.norm(w))])
+
+
+ANGLES = [0, 1e-200, 1e-12, 1e-6, 1e-3, 0.5, 0.999, 1.001, 2.0, 3.0, math.pi - 1e-9]
+
+
+@given(seeds, st.sampled_from([*ANGLES, 4.0, 2 * math.pi, 50.0]))
+def test_the_exponential_is_that_of_the_matrix(seed: int, angle: float) -> None:
+    twist = twists(seed, angle)
+    np.testing.assert_allclose(
+        poses.to_matrix(*poses.se3_exp(twist)), expm(hat_4(twist)), rtol=0, atol=3e-14 * (1 + angle)
+    )
+
+
+@given(seeds, st.sampled_from(ANGLES))
+def test_the_logarithm_undoes_it(seed: int, angle: float) -> None:
+    twist = twists(seed, angle)
+    back = poses.se3_log(*poses.se3_exp(twist))
+    np.testing.assert_allclose(back, twist, rtol=0, atol=2e-14)
+
+
+@given(seeds)
+def test_half_turns_and_all_poses_come_back(seed: int) -> None:
+    R, t = random_poses(seed, 4)
+    axis = R[0, 0]
+    R[3] = 2 * np.outer(axis, axis) - np.eye(3)
+    twist = poses.se3_log(R, t)
+    assert (np.linalg.norm(twist[:, 3:], axis=-1) < math.pi + 1e-14).all()
+    R_back, t_back = poses.se3_exp(twist)
+    np.testing.assert_allclose(R_back, R, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(t_back, t, rtol=0, atol=1e-14)
+
+
+def test_a_screw_by_hand() -> None:
+    """A quarter turn about z while moving along x goes along a quarter of a circle."""
+    length = math.pi / 2  # so the circle has the radius 1
+    R, t = poses.se3_exp([length, 0, 0.5, 0, 0, math.pi / 2])
+    np.testing.assert_allclose(R, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
+    np.testing.assert_allclose(t, [1, 1, 0.5], atol=1e-15)
+    R, t = poses.se3_exp([1, 2, 3, 0, 0, 0])
+    assert np.array_equal(R, np.eye(3)) and t.tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_twists_are_as_exact_as_their_numbers(dtype: type) -> None:
+    """Where (a - sin a) / a^3 of the formula as it is written has no digit left."""
+    for angle in np.geomspace(1e-6, 3.1, 30):
+        exact = twists(1, angle)
+        R, t = poses.se3_exp(exact.astype(dtype))
+        T = expm(hat_4(exact.astype(dtype).astype(float)))
+        assert np.abs(t - T[:3, 3]).max() < 8 * np.finfo(dtype).eps
+        back = poses.se3_log(R, t)
+        assert back.dtype == dtype
+        assert np.abs(back - exact).max() < 100 * np.finfo(dtype).eps
+
+
+def test_twists_have_gradients() -> None:
+    twist = torch.from_numpy(np.stack([twists(i, a) for i, a in enumerate((0.01, 0.9, 1.1, 3))]))
+    assert torch.autograd.gradcheck(poses.se3_exp, twist.requires_grad_())
+    there_and_back = torch.autograd.functional.jacobian(
+        lambda x: poses.se3_log(*poses.se3_exp(x)), twist[3].detach()
+    )
+    np.testing.assert_allclose(there_and_back, np.eye(6), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-200, 1e-9, math.pi - 1e-9, math.pi, 2 * math.pi])
+def test_their_gradients_are_finite_at_zero_and_at_half_turns(angle: float) -> None:
+    twist = torch.tensor([1.0, 2, 3, angle, 0, 0], dtype=torch.float64, requires_grad=True)
+    R, t = poses.se3_exp(twist)
+    (gradient,) = torch.autograd.grad(R.sum() + t.square().sum(), twist)
+    assert gradient.isfinite().all()
+    R, t = (x.detach().requires_grad_() for x in (R, t))
+    for gradient in torch.autograd.grad(poses.se3_log(R, t).square().sum(), (R, t)):
+        assert gradient.isfinite().all()
+
+
+@pytest.mark.parametrize("twist", [[0, 0, 0, 1e160, 0, 0], [1e308, -1e308, 1e308, 3, 3, 3]])
+def test_twists_that_are_too_large(twist: list[float]) -> None:
+    with pytest.raises(ValueError, match="^twist: expected "):
+        poses.se3_exp(twist)
+
+
+def test_a_logarithm_of_no_rotation() -> None:
+    with pytest.raises(ValueError, match="^R: expected rotation matrices"):
+        poses.se3_log(2 * np.eye(3), np.zeros(3))

@@ -1,5 +1,6 @@
-"""Point clouds: sampling, neighbours, interpolation, normals and the distance of two clouds."""
+"""Point clouds: sampling, neighbours, interpolation, normals, diameter, the distance of two."""
 
+from posecore.clouds.extent import diameter
 from posecore.clouds.interpolation import (
     interpolate,
     interpolation_weights,
@@ -12,6 +13,7 @@ from posecore.clouds.surfaces import chamfer_distance, estimate_normals
 __all__ = [
     "ball_query",
     "chamfer_distance",
+    "diameter",
     "estimate_normals",
     "farthest_point_sampling",
     "gather_points",

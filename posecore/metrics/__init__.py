@@ -21,6 +21,7 @@ from posecore.metrics.detection import (
 from posecore.metrics.evaluation import ObjectErrors, evaluate
 from posecore.metrics.matching import in_images, match
 from posecore.metrics.model_errors import add, add_s, mspd, mssd, projection_2d
+from posecore.metrics.overlaps import box_iou_2d, mask_iou
 from posecore.metrics.pose_errors import axis_error, rotation_error, translation_error
 from posecore.metrics.pose_table import CategoryPoseTable, PoseTable
 from posecore.metrics.summaries import (
@@ -54,6 +55,7 @@ __all__ = [
     "axis_error",
     "balanced_mean_angular_error",
     "box_corners",
+    "box_iou_2d",
     "closest_symmetry",
     "coco_average_precision",
     "distance_image",
@@ -61,6 +63,7 @@ __all__ = [
     "evaluate_categories",
     "in_images",
     "instance_rotation_error",
+    "mask_iou",
     "match",
     "match_at_thresholds",
     "match_by_error",

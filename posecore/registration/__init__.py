@@ -1,6 +1,7 @@
 """Floor 2: registration, poses from matched points, unmatched points and pixels."""
 
 from posecore.registration.alignment import Alignment, umeyama
+from posecore.registration.distorted_pnp import pnp_distorted
 from posecore.registration.icp import IcpResult, icp, refine_on_depth
 from posecore.registration.pnp import PnpResult, pnp
 from posecore.registration.weighted_pnp import uncertainty_pnp
@@ -11,6 +12,7 @@ __all__ = [
     "PnpResult",
     "icp",
     "pnp",
+    "pnp_distorted",
     "refine_on_depth",
     "umeyama",
     "uncertainty_pnp",

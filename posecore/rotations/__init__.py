@@ -13,6 +13,14 @@ from posecore.rotations.conversions import (
 )
 from posecore.rotations.euler import euler_to_matrix, matrix_to_euler
 from posecore.rotations.procrustes import special_procrustes
+from posecore.rotations.quaternions import (
+    quaternion_apply,
+    quaternion_inverse,
+    quaternion_slerp,
+    slerp,
+    wxyz_to_xyzw,
+    xyzw_to_wxyz,
+)
 from posecore.rotations.so3 import (
     geodesic_distance,
     hat,
@@ -38,13 +46,19 @@ __all__ = [
     "matrix_to_quaternion",
     "matrix_to_rotation_6d",
     "mean_rotation",
+    "quaternion_apply",
+    "quaternion_inverse",
     "quaternion_multiply",
+    "quaternion_slerp",
     "quaternion_to_axis_angle",
     "quaternion_to_matrix",
     "random_rotations",
     "require_rotation",
     "rotation_6d_to_matrix",
     "rotation_defect",
+    "slerp",
     "special_procrustes",
     "vee",
+    "wxyz_to_xyzw",
+    "xyzw_to_wxyz",
 ]
