@@ -122,12 +122,13 @@ def agreement(kind: str, instance: Instance, correction: Correction) -> float:
         return max((mask_iou(drawn, one) for one in targets), default=0.0)
     if kind == "boxes":
         return box_iou(instance, drawn)
-    fit = depth_fit(instance, depth, instance.depth)
+    measured = instance.depth / correction.depth
+    fit = depth_fit(instance, depth, measured)
     if fit is None:
         return 0.0
     # A model drawn a tenth as large lies within the object and agrees all over: where it ends the
     # object has to end, at half of the border at least, as it may stand on something.
-    return fit.share * min(1.0, 2 * _ends(depth, instance.depth))
+    return fit.share * min(1.0, 2 * _ends(depth, measured))
 
 
 def _ends(drawn: np.ndarray, measured: np.ndarray) -> float:

@@ -38,6 +38,7 @@ class Correction:
         owner: which of them it was, "models" or "translations"; None if that is open.
         targets: the instances with whose masks one is compared, the best of which counts; None for
             its own.
+        depth: by which measured depth was divided.
         vary: the same with its fitted size times a number near 1; None where none was fitted.
     """
 
@@ -49,6 +50,7 @@ class Correction:
     factor: float = 1.0
     owner: str | None = None
     targets: Callable[[Instance], Sequence[Instance]] | None = None
+    depth: float = 1.0
     vary: Callable[[float], Correction] | None = None
 
 

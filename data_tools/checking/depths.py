@@ -9,7 +9,7 @@ import numpy as np
 
 from data_tools.checking import wording
 from data_tools.checking.agreement import DepthFit, depth_fit
-from data_tools.checking.corrections import Correction, Place
+from data_tools.checking.corrections import AS_GIVEN, Correction, Place
 from data_tools.checking.drawing import Placement, draw
 from data_tools.checking.report import Finding, Report
 from data_tools.checking.sample import Instance, Sample
@@ -18,10 +18,11 @@ __all__ = [
     "DepthMistake",
     "DepthState",
     "check",
+    "corrected",
     "depth_mistake",
     "depth_state",
+    "unit_correction",
     "whose_factor",
-    "with_right_masks",
 ]
 
 AGREES = 0.5  # share of pixels, in half of the objects: others may be before them, or shine
@@ -75,7 +76,7 @@ class DepthMistake:
 
 def check(report: Report) -> None:
     """Units of depth, and whether it is of these images."""
-    instances = [with_right_masks(i, report.corrections[i.number]) for i in report.sample.instances]
+    instances = [corrected(i, report.corrections[i.number]) for i in report.sample.instances]
     instances = [i for i in instances if i.depth is not None]
 
     def place(instance: Instance) -> Placement | None:
@@ -102,18 +103,19 @@ def check(report: Report) -> None:
         return
     key, words, remedy = mistake.key, mistake.mistake, mistake.remedy
     if mistake.factor != 1 and not wording.sizes_plausible(instances):
-        size = wording.too_large(1 / mistake.factor)
-        key, words = "scaled models and translations", f"models and translations are {size}"
-        remedy = f"both times {mistake.factor:.4g}"
+        key, words, remedy = wording.all_lengths(mistake.factor)
     evidence = (
         f"{mistake.before:.2f} of the pixels agree as given; {mistake.after:.2f} with {remedy}"
     )
     report.findings.append(Finding(key, words, (evidence,)))
 
 
-def with_right_masks(instance: Instance, correction: Correction) -> Instance:
-    """The instance, without its mask of what is seen if by the correction masks are wrong."""
-    return instance if correction.targets is None else replace(instance, visible=None)
+def corrected(instance: Instance, correction: Correction) -> Instance:
+    """The instance with its depth corrected, and without a mask of what is seen that is wrong."""
+    if correction.targets is None and correction.depth == 1:
+        return instance
+    visible = instance.visible if correction.targets is None else None
+    return replace(instance, visible=visible, depth=_divided(instance.depth, correction.depth))
 
 
 def depth_state(
@@ -146,21 +148,12 @@ def depth_mistake(
         None if none of that explains it.
     """
     found = []
-    log = np.log(state.ratio)
-    if abs(log) >= NEAR and state.spread < CONSISTENT * abs(log):
-        after = depth_state(instances, place, lambda i: _divided(i.depth, state.ratio))
+    unit = unit_correction(state)
+    if unit is not None:
+        after = depth_state(instances, place, lambda i: _divided(i.depth, unit.depth))
         if after is not None:
-            found.append(
-                DepthMistake(
-                    "depth unit",
-                    f"the depth images are {wording.times(state.ratio)}: their unit is not what is "
-                    "said of it, in BOP by depth_scale",
-                    f"depth divided by {wording.near_unit(state.ratio):.4g}",
-                    state.share,
-                    after.share,
-                    state.ratio,
-                )
-            )
+            words = unit.key, unit.mistake, unit.remedy
+            found.append(DepthMistake(*words, state.share, after.share, unit.depth))
     found.append(
         DepthMistake(
             "lengths of rays",
@@ -186,6 +179,22 @@ def depth_mistake(
     best = max(found, key=lambda one: one.after)
     clear = best.after >= AGREES and best.after >= state.share + 0.15
     return best if clear else None
+
+
+def unit_correction(state: DepthState) -> Correction | None:
+    """The unit of depth that a state speaks for; None where ratios differ, or there is none."""
+    log = np.log(state.ratio)
+    if abs(log) < NEAR or state.spread >= CONSISTENT * abs(log):
+        return None
+    factor = wording.near_unit(state.ratio)
+    return Correction(
+        "depth unit",
+        f"the depth images are {wording.times(factor)}: their unit is not what is said of it, in "
+        "BOP by depth_scale",
+        f"depth divided by {factor:.4g}",
+        AS_GIVEN.place,
+        depth=factor,
+    )
 
 
 def whose_factor(instances: Sequence[Instance], place: Place, factor: float) -> str | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_tools.checking import fits
+from data_tools.checking import depths, fits
 from data_tools.checking.agreement import agreement, quick_agreement
 from data_tools.checking.corrections import (
     AS_GIVEN,
@@ -104,7 +104,7 @@ def explain(
 def _candidates(kind: str, sample: Sample, instances: Sequence[Instance]) -> list[Correction]:
     """All corrections, those with sizes fitted to the instances."""
     poses, cameras = pose_corrections(sample), camera_corrections()
-    if kind != "masks":  # nothing can be fitted: units by steps of ten
+    if kind != "masks":  # nothing can be fitted: units by steps of ten, sizes by fractions
         few = [p for p in poses if p.key != "turned model"]
         steps = [10.0**k for k in range(-6, 7) if k]
         owners = (None,) if kind == "boxes" else ("models", "translations")
@@ -114,7 +114,11 @@ def _candidates(kind: str, sample: Sample, instances: Sequence[Instance]) -> lis
             for step in steps
             for owner in owners
         ]
-        return [*poses, *cameras, *scaled] if kind == "boxes" else [*few, cameras[0], *scaled]
+        if kind == "boxes":
+            return [*poses, *cameras, *fits.usual_sizes(), *scaled]
+        state = depths.depth_state(instances, AS_GIVEN.place)
+        unit = None if state is None else depths.unit_correction(state)
+        return [*few, cameras[0], *fits.usual_sizes(), *scaled, *([unit] if unit else [])]
     bases = [p for p in poses if p.key != "turned model"]
     scaled = [fits.scale_fit(instances, base) for base in (AS_GIVEN, *bases)]
     fitted = fits.camera_fits(instances) + fits.origin_fit(instances)

@@ -155,6 +155,12 @@ def camera_fits(instances: Sequence[Instance]) -> list[Correction]:
     return found
 
 
+def usual_sizes() -> list[Correction]:
+    """Camera matrices of images that are half, twice, three quarters, ... as large."""
+    ratios = sorted({a / b for a in range(1, 5) for b in range(1, 5)} - {1.0})
+    return [_resized(np.array([ratio, ratio]), 0) for ratio in ratios]
+
+
 def origin_fit(instances: Sequence[Instance]) -> list[Correction]:
     """Models whose origin is elsewhere, and poses of a camera that stands elsewhere."""
     rows = []

@@ -62,7 +62,8 @@ def _judge(report: Report, numbers: np.ndarray) -> None:
     low = float(np.quantile(fixed, 0.1))
     said = SAID[kind].format(f"{typical:.2f}")
     end = " once corrected" if report.findings else ""
-    report.facts.append(f"{kind}: {said}{end}, {low:.2f} or less for a tenth of the objects")
+    if kind != "depth":  # of which more is said later
+        report.facts.append(f"{kind}: {said}{end}, {low:.2f} or less for a tenth of the objects")
     if typical < FITS[kind]:
         words = f"{said}, and none of the known mistakes explains it; look at the pictures"
         report.findings.append(Finding("models and images do not fit", words))
@@ -97,9 +98,11 @@ def _applied(
                 owner = wording.plausible_owner(instances, correction.factor)
         key, words, remedy = wording.scale_words(correction, owner)
         correction = fits.with_owner(correction, owner)
+    if correction.depth != 1 and not wording.sizes_plausible(instances):
+        key, words, remedy = wording.all_lengths(correction.depth)
     before, after = SAID[kind].format(f"{explained.before:.2f}"), f"{explained.after:.2f}"
     evidence.append(f"{before} as given; {after} with {remedy}")
-    free = [depths.with_right_masks(instance, correction) for instance in instances]
+    free = [depths.corrected(instance, correction) for instance in instances]
     state = None if kind == "depth" else depths.depth_state(free, correction.place)
     if correction.targets is not None and state is not None and state.agrees:
         evidence.append(f"depth agrees with the poses as given, in {state.share:.2f} of the pixels")

@@ -12,6 +12,7 @@ from data_tools.checking.sample import Instance
 from data_tools.units import DIAMETERS, DISTANCES
 
 __all__ = [
+    "all_lengths",
     "near_unit",
     "plausible_owner",
     "scale_words",
@@ -75,6 +76,12 @@ def scale_words(correction: Correction, owner: str | None) -> tuple[str, str, st
         return key, words, remedy
     more = correction.remedy.rpartition(", ")[0]
     return f"{base} and {key}", f"{correction.mistake}; and {words}", f"{more}, {remedy}"
+
+
+def all_lengths(factor: float) -> tuple[str, str, str]:
+    """Key, mistake and remedy where models and translations alike are off, and depth is right."""
+    words = f"models and translations are {too_large(1 / factor)}"
+    return "scaled models and translations", words, f"both times {near_unit(factor):.4g}"
 
 
 def plausible_owner(instances: Sequence[Instance], factor: float) -> str | None:
