@@ -99,8 +99,20 @@ def _parser() -> argparse.ArgumentParser:
         "--count", type=int, help="views of each split, of headset triples (default: all)"
     )
 
-    check = _command(commands, "check", _check, "read all files of a world; exit 1 if any is bad")
-    _add_world(check)
+    check = _command(
+        commands,
+        "check",
+        _check,
+        "read all files of a world, or say what is off in an own dataset; exit 1 if anything is",
+    )
+    check.add_argument(
+        "source", nargs="+", help="a world, or a dataset: bop:PATH, PATH for the same, linemod:PATH"
+    )
+    _add_split_and_scale(check)
+    check.add_argument("--count", type=int, default=30, help="images of a dataset (default: 30)")
+    check.add_argument(
+        "--pictures", metavar="FOLDER", help="draw masks and models of a dataset over its images"
+    )
 
     _command(commands, "clean", _clean, "delete all made worlds, and say how much it was")
     return parser
@@ -245,6 +257,24 @@ def _export_tabletop(options: argparse.Namespace) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
+    from data_tools.checking import command  # the other commands do without it
+
+    options.world = [name for name in options.source if name in WORLDS]
+    sources = [command.source_of(name) for name in options.source if name not in WORLDS]
+    for name in sources:
+        if ":" not in name:
+            fail("source", f"one of {', '.join(WORLDS)}, a folder or KIND:PATH", repr(name))
+    if sources and options.scale:
+        fail("--scale", "a world to go with it", sources[0])
+    if options.world and options.pictures:
+        fail("--pictures", "a dataset to go with it", options.world[0])
+    bad = _check_worlds(options)
+    for source in sources:
+        bad |= command.check_source(source, options.split, options.count, options.pictures)
+    return bad
+
+
+def _check_worlds(options: argparse.Namespace) -> bool:
     problems = []
     for store in _stores(options):
         found = store.check()
