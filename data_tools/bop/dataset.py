@@ -167,7 +167,7 @@ class BopDataset(Dataset):
             targets_only: of images with targets only these, as the views have it; else whatever
                 is known to be in the images that have some.
         """
-        keys = self._keys(targets_only)
+        keys = [(*key, row) for key in self._index for row in self._rows(*key, targets_only)]
         rows = [(self._annotations_of(scene), row) for scene, _, row in keys]
         return PoseTable(
             scene_id=np.array([scene for scene, _, _ in keys], np.int64),
@@ -178,40 +178,6 @@ class BopDataset(Dataset):
             score=np.ones(len(rows)),
             time=np.full(len(rows), -1.0),
         )
-
-    def visible_fractions(self, targets_only: bool = True) -> np.ndarray | None:
-        """How much is seen of each pose of `ground_truth`, (G,) shares of the whole silhouette.
-
-        Args:
-            targets_only: as for `ground_truth`.
-
-        Returns:
-            None if one of the scenes with poses has no `scene_gt_info.json`.
-        """
-        keys = self._keys(targets_only)
-        known = [(self._annotations_of(scene).visible_fraction, row) for scene, _, row in keys]
-        if any(fractions is None for fractions, _ in known):
-            return None
-        return np.array([fractions[row] for fractions, row in known], np.float64)
-
-    @property
-    def has_depth(self) -> bool:
-        """Whether every scene has depth images."""
-        return all(files.images("depth") is not None for files in self._scenes.values())
-
-    def depth(self, scene_id: int, image_id: int) -> np.ndarray | None:
-        """The depth image (H, W) of one image in metres, 0 for none; no other image is read for it.
-
-        Returns:
-            None if its scene has no depth images.
-
-        Raises:
-            ValueError: if the split holds no such image, or it is damaged.
-        """
-        camera, files = self.camera(scene_id, image_id), self._scenes[scene_id]
-        if files.images("depth") is None:
-            return None
-        return _read_scene_depth(files, f"{image_id:06d}", camera)
 
     def camera(self, scene_id: int, image_id: int) -> Camera:
         """The camera of one image.
@@ -269,10 +235,6 @@ class BopDataset(Dataset):
             info = self._models.info(object_id) if known else None
             self._shapes[object_id] = (info.size, info.symmetries()) if info else (None, None)
         return self._shapes[object_id]
-
-    def _keys(self, targets_only: bool) -> list[tuple[int, int, int]]:
-        """Scene, image and row of every pose, in the order of the views."""
-        return [(*key, row) for key in self._index for row in self._rows(*key, targets_only)]
 
     def _rows(self, scene_id: int, image_id: int, targets_only: bool = True) -> list[int]:
         """The rows of the objects in an image, those that are targets if there are targets."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from data_tools.bop import BopDataset
+from data_tools.bop.pieces import read_depth_image
 from data_tools.renderer import DepthWindow, prepare_surface, render_depth
 from data_tools.views import ModelSet
 from posecore import cameras, metrics
@@ -72,7 +73,7 @@ class DatasetSurfaces:
         for row, image in enumerate(truth.images):
             images.setdefault(image, []).append(row)
         for image, rows in sorted(images.items()):
-            depth = self.dataset.depth(*image)
+            depth = read_depth_image(self.dataset, *image)
             if depth is None:
                 fail("dataset", "depth images", f"none of scene {image[0]}")
             camera = self.dataset.camera(*image).K

@@ -14,6 +14,7 @@ import numpy as np
 import data_tools
 from data_tools.bop import BopDataset, Models, read_results
 from data_tools.bop.files import has_file, read_json, read_number
+from data_tools.bop.pieces import has_depth, visible_fractions
 from data_tools.views import Dataset, ModelSet
 from posecore.arrays import fail, require_number
 from posecore.cameras import require_intrinsics
@@ -83,16 +84,16 @@ def _from_dataset(options: argparse.Namespace, kind: str) -> Truth:
     for name in ("targets", "visible") if kind != "bop" else ():
         if (value := getattr(options, name)) is not None:
             fail(f"--{name}", "nothing, as the ground truth is no bop:PATH", value)
-    with _called("path", "GROUND_TRUTH"):
+    with _called("path", "GROUND_TRUTH"), _called("split", "--split"):
         dataset = data_tools.open(options.ground_truth, split=options.split, **choices)
     present = _present_in(dataset, options)
     for scene, image in dict.fromkeys(present.truth.images + present.others.images):
         where = f"{options.ground_truth}: scene {scene}, image {image}: K"
         require_intrinsics(where, dataset.camera(scene, image).K)
-    models = _models(options.models) if options.models else dataset.models()
+    models = _models(options.models) if options.models else _own_models(dataset)
     with_depth, why = None, f"{kind}:PATH is read without them"
     if kind == "bop":
-        with_depth = dataset if dataset.has_depth else None
+        with_depth = dataset if has_depth(dataset) else None
         why = f"{dataset.path / dataset.split} has none"
     return Truth(present, dataset.images, models, _width_of(dataset, kind), with_depth, why)
 
@@ -111,7 +112,7 @@ def _present_in(dataset: Dataset, options: argparse.Namespace) -> Present:
     shares, counts = None, {}
     if isinstance(dataset, BopDataset):
         there = dataset.ground_truth(targets_only=False)
-        shares = dataset.visible_fractions(targets_only=False)
+        shares = visible_fractions(dataset, targets_only=False)
     else:
         there = dataset.ground_truth()
     wanted = np.ones(len(there), bool)
@@ -206,9 +207,25 @@ def _models(folder: str) -> Models:
         return Models(folder)
 
 
+def _own_models(dataset: Dataset) -> ModelSet:
+    """Those of a dataset; with a note if BOP itself measures with others."""
+    models = dataset.models()
+    if isinstance(dataset, BopDataset):
+        names = [f"obj_{i:06d}.ply" for i in models.ids]
+        used, others = dataset.models().path, dataset.path / "models_eval"
+        pairs = [(used / name, others / name) for name in names]
+        sizes = [[x.stat().st_size for x in pair] for pair in pairs if all(map(has_file, pair))]
+        if any(one != other for one, other in sizes):
+            note(f"models are those of {used}; BOP measures with {others} (--models names them)")
+    return models
+
+
 def _from_files(options: argparse.Namespace) -> Truth:
     if not Path(options.ground_truth).exists() and Path(options.ground_truth).suffix != ".csv":
-        expected = "a CSV file that is there, bop:PATH, linemod:PATH or hmdpose:PATH"
+        expected = (
+            "a CSV file that is there, bop:PATH, linemod:PATH or hmdpose:PATH (of a world: the "
+            "folder that `python -m data_tools export` writes)"
+        )
         fail("GROUND_TRUTH", expected, repr(options.ground_truth))
     if not options.models:
         fail("--models", "a folder of models", "none")

@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from data_tools.bop import BopDataset, Models, read_results, write_results
+from data_tools.bop.pieces import visible_fractions
 from data_tools.main import main as data_main
 from posecore.methods.evaluating import _to_object_models
 from posecore.methods.main import main
@@ -149,7 +150,7 @@ def guesses(world):
 def test_a_world_of_ours(world, guesses, tmp_path, options, capsys):
     """Its own models, drawn and cast; occluded images, so that what is hidden matters."""
     dataset = BopDataset(world, "test_occluded")
-    shares, (estimates, poses, gaps) = dataset.visible_fractions(), guesses
+    shares, (estimates, poses, gaps) = visible_fractions(dataset), guesses
     valid, least = np.ones(len(poses), bool), 0.1
     if options == ["--targets"]:
         entries = [

@@ -5,6 +5,7 @@ import io
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import warnings
@@ -609,7 +610,7 @@ def test_delta_of_vsd(seen, capsys):
     assert main([*words, "--vsd-delta", "200"]) == 0
     assert float(cells(capsys.readouterr().out, "BOP average recall, %", "VSD")[0]) > 50
     assert main([*words, "--vsd-delta", "-1"]) == 2
-    assert capsys.readouterr().err.startswith("error: --vsd-delta: expected")
+    assert "error: --vsd-delta: expected" in capsys.readouterr().err
 
 
 def test_why_there_is_no_vsd(files, dataset, capsys):
@@ -661,3 +662,25 @@ def test_estimates_of_what_an_image_does_not_hold(dataset, capsys):
 def test_options_of_a_dataset_for_a_file(files, capsys, name):
     assert evaluate(files, name, "0.5") == 2
     assert f"error: {name}: expected nothing, as the ground truth is no" in capsys.readouterr().err
+
+
+def test_models_with_which_bop_measures(dataset, capsys):
+    """Others than those that are taken by default: said in a note, unless they are the same."""
+    words = ["evaluate", str(dataset / "est.csv"), f"bop:{dataset}"]
+    other = dataset / "models_eval"
+    shutil.copytree(dataset / "models", other)
+    assert main(words) == 0
+    assert "models_eval" not in capsys.readouterr().err
+    path = other / "obj_000001.ply"
+    path.write_text(path.read_text().replace("100 0 0", "100.5 0 0"))
+    assert main(words) == 0
+    assert f"note: models are those of {dataset / 'models'}; BOP measures with {other}" in (
+        capsys.readouterr().err
+    )
+    assert main([*words, "--models", str(other)]) == 0
+    assert "models_eval" not in capsys.readouterr().err
+
+
+def test_a_world_has_to_be_exported(files, capsys):
+    assert evaluate(files, truth="tabletop") == 2
+    assert "data_tools export" in capsys.readouterr().err

@@ -95,9 +95,11 @@ def test_a_pose_is_drawn_once_and_an_image_read_once(case, monkeypatch):
         "render_depth",
         lambda item, pose, *rest: drawings.append(pose) or render_depth(item, pose, *rest),
     )
-    depth = BopDataset.depth
+    read = surfaces.read_depth_image
     monkeypatch.setattr(
-        BopDataset, "depth", lambda self, *image: readings.append(image) or depth(self, *image)
+        surfaces,
+        "read_depth_image",
+        lambda data, *image: readings.append(image) or read(data, *image),
     )
     DatasetSurfaces(dataset, dataset.models(), DIAMETER)(estimates, truth)
     assert len(drawings) == 20 + 4
@@ -122,6 +124,6 @@ def test_delta_and_what_cannot_be_drawn(case):
 
 def test_a_scene_without_depth_is_named(case, monkeypatch):
     dataset, truth, estimates = case
-    monkeypatch.setattr(BopDataset, "depth", lambda *_: None)
+    monkeypatch.setattr(surfaces, "read_depth_image", lambda *_: None)
     with pytest.raises(ValueError, match="depth images, got none of scene 1"):
         DatasetSurfaces(dataset, dataset.models(), DIAMETER)(estimates, truth)

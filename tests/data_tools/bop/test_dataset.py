@@ -119,36 +119,6 @@ def test_ground_truth(tree):
     np.testing.assert_array_equal(table.t, np.array(tree.t)[[0, 1, 2, 0]] / 1000)
 
 
-def test_visible_fractions_go_with_the_poses(tree):
-    dataset = BopDataset(tree.path, "test")
-    shares = dataset.visible_fractions()
-    assert shares.tolist() == [0.75, 0.0, 0.75, 0.75]
-    assert len(shares) == len(dataset.ground_truth())
-    tree.json["test_targets"] = [{"scene_id": 1, "im_id": 4, "obj_id": 2, "inst_count": 1}]
-    tree.save()
-    chosen = BopDataset(tree.path, "test", targets="test_targets.json")
-    assert chosen.visible_fractions().tolist() == [0.75]
-    assert chosen.visible_fractions(targets_only=False).tolist() == [0.75, 0.0, 0.75]
-    tree.remove("test/000001/scene_gt_info.json")
-    assert BopDataset(tree.path, "test").visible_fractions() is None
-
-
-def test_depth_alone(tree):
-    """One scene has depth images, the other has none."""
-    dataset = BopDataset(tree.path, "test")
-    assert not dataset.has_depth
-    np.testing.assert_array_equal(dataset.depth(1, 4), dataset[0].depth)
-    assert dataset.depth(12, 0) is None
-    with pytest.raises(ValueError, match="image_id"):
-        dataset.depth(1, 5)
-    tree.image(12, "depth", 0, np.full((12, 16), 7, np.uint16))
-    tree.json["test/000012/scene_camera"]["0"]["depth_scale"] = 2.0
-    tree.save()
-    dataset = BopDataset(tree.path, "test")
-    assert dataset.has_depth
-    assert dataset.depth(12, 0).max() == np.float32(0.014)
-
-
 @pytest.mark.parametrize("absolute", [True, False])
 def test_targets(tree, absolute):
     targets = tree.path / "test_targets.json" if absolute else "test_targets.json"
