@@ -46,6 +46,9 @@ class CloudEstimator:
             depth and masks.
         seed: of what is drawn. Each view has draws of its own: an answer does not depend on which
             views were looked at before.
+
+    Raises:
+        ValueError: if `seed` is no integer of at least 0.
     """
 
     def __init__(
