@@ -150,6 +150,8 @@ MEASUREMENTS = {
     "votes": Measurement(measure_votes, range(3), BOTH),
     "glasses": Measurement(measure_glasses, range(3), BOTH),
     "regression": Measurement(longer.measure_regression, range(3), BOTH),
+    "cut": Measurement(measure_cut, range(3), BOTH),
+    "longer_p2p": Measurement(longer.measure_p2p, range(3), BOTH),
     "costs": Measurement(costs.measure, range(3), (), timed=True),
 }
 

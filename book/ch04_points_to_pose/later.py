@@ -10,11 +10,6 @@ from book.tools.ledger import Measurement
 
 __all__ = ["MEASUREMENTS", "NOT_MEASURED"]
 
-FLAT = {
-    "margin": 0.2, "unit": "degrees", **now.OURS,
-    "margin_source": "a tenth of an error of 2 degrees, stated before it was measured",
-}  # fmt: skip
-
 NOT_MEASURED = [
     Claim(id="crossed",
           statement="Clouds of drivers that the cloud estimator has not seen teach better poses "
@@ -41,29 +36,18 @@ NOT_MEASURED = [
     Claim(id="frontal", statement="That drivers look ahead hurts RandomizedBins in extreme poses",
           source="section 4.5", measurement="frontal",
           **now.pair("bins, even", "bins, frontal", "BMAE")),
-    Claim(id="cut", statement="Votes for keypoints help where clouds are cut",
-          source="section 3.4", measurement="cut", **now.pair("p2p, cut", "p2r, cut", "MAE")),
     Claim(id="all_seeds",
           statement="A last abstraction that looks at all points is better than one at 16 of them",
           source="section 3.3", measurement="balls",
           **now.pair("p2p, all", "p2p, 16 of all", "MAE")),
     Claim(id="early", statement="An early maximum costs nothing", measurement="balls",
           **now.equal(key("p2p, early maximum", "rotation"), key("p2p", "rotation")), **now.OURS),
-    Claim(id="p2p_flat", statement="P2P has learned what it can: 4000 steps are as good as 2000",
-          measurement="longer_p2p", favoured=key("p2p longer, book", "MAE"),
-          other=key("p2p, book", "MAE"), **FLAT),
-    Claim(id="cloudpose_flat", statement="The same of CloudPose: 4600 steps are as good as 2000",
-          measurement="longer_p2p", favoured=key("cloudpose longer, book", "MAE"),
-          other=key("cloudpose, book", "MAE"), **FLAT),
-    Claim(id="longer_race", statement="With 4000 steps, P2P errs less than CloudPose with 4600",
-          measurement="longer_p2p",
-          **now.pair("p2p longer, book", "cloudpose longer, book", "MAE"), **now.OURS),
     Claim(id="p2r_flat", statement="The same of P2R: 4000 steps are as good as 2000",
           measurement="longer_p2r", favoured=key("p2r longer, book", "MAE"),
-          other=key("p2r, book", "MAE"), **FLAT),
+          other=key("p2r, book", "MAE"), **now.FLAT),
     Claim(id="bins_flat", statement="The same of RandomizedBins: 4000 steps are as good as 2000",
           measurement="longer_bins", favoured=key("bins longer, book", "MAE"),
-          other=key("bins, book", "MAE"), **FLAT),
+          other=key("bins, book", "MAE"), **now.FLAT),
 ]  # fmt: skip
 
 MEASUREMENTS = {
@@ -72,8 +56,6 @@ MEASUREMENTS = {
     "crossed": Measurement(experiments.measure_crossed, range(3), experiments.BOTH),
     "places": Measurement(experiments.measure_places, range(3), experiments.BOTH),
     "balls": Measurement(experiments.measure_balls, range(3), experiments.BOTH),
-    "cut": Measurement(experiments.measure_cut, range(3), experiments.BOTH),
-    "longer_p2p": Measurement(longer.measure_p2p, range(3), experiments.BOTH),
     "longer_p2r": Measurement(longer.measure_p2r, range(3), experiments.BOTH),
     "longer_bins": Measurement(longer.measure_bins, range(3), experiments.BOTH),
 }
