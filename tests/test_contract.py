@@ -368,7 +368,7 @@ def test_an_empty_batch_is_no_fault(function: FunctionType) -> None:
 BY_VALUES = {
     *("add_s", "mssd", "mspd", "oriented_iou_3d", "nearest_neighbours", "ball_query"),
     *("interpolation_weights", "three_nearest_interpolation", "farthest_point_sampling"),
-    *("chamfer_distance", "diameter", "estimate_normals", "from_matrix"),
+    *("chamfer_distance", "diameter", "estimate_normals", "from_matrix", "turned_iou_3d"),
 }
 each_transformed = pytest.mark.parametrize(
     "function",

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from data_tools.bop import read_category_results
+
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
 
@@ -23,6 +25,20 @@ def test_the_example_of_batches_runs():
     batch = next(iter(source))
     assert used and used <= batch.keys()
     assert len(batch["rgb"]) == 16
+
+
+def test_the_example_of_categories_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (code,) = [b for b in re.findall(r"```python\n(.*?)```", README, re.S) if "Category" in b]
+    names = {}
+    exec(code, names)
+    errors = names["metrics"].evaluate_categories(names["estimates"], names["truth"])
+    said = re.search(r"\.pose\[5, 2\]  # (.*)", code)[1]
+    assert errors["mug"].pose[5, 2] == float(said)
+    head = re.search(r"```\n(scene_id.*?)\n(.*?)\n```", README, re.S)
+    assert Path("estimates.csv").read_text().startswith(head[1] + "\n")
+    Path("row.csv").write_text(head[0].strip("`\n") + "\n")
+    assert read_category_results("row.csv").size.tolist() == [[0.12, 0.095, 0.084]]
 
 
 def test_its_commands_exist():

@@ -174,8 +174,10 @@ def turned_iou_3d(
     R_1, t_1, size_1, R_2, t_2, size_2, axis = (
         x.expand(*batch, *(3,) * core).reshape(-1, *(3,) * core) for x, core in arguments
     )
-    iou = oriented_iou_3d(R_1, t_1, size_1, R_2, t_2, size_2)
     rows = (axis != 0).any(-1)
+    sides = (R_1, t_1, size_1, R_2, t_2, size_2)
+    iou = torch.zeros(len(rows), dtype=torch.float64, device=R_1.device)
+    iou[~rows] = oriented_iou_3d(*(side[~rows] for side in sides))
     if somewhere(rows):
         unit = axis[rows] / axis[rows].abs().amax(-1, keepdim=True)  # whose square is no 0
         unit = unit / unit.norm(dim=-1, keepdim=True)
@@ -185,7 +187,7 @@ def turned_iou_3d(
         count = steps // 2 if alike else steps
         angles = angles + torch.arange(count).to(angles) * (2 * torch.pi / steps)
         turns = axis_angle_to_matrix(angles[..., None] * unit[:, None])  # (M, count, 3, 3)
-        others = (x[rows][:, None] for x in (t_1, size_1, R_2, t_2, size_2))
+        others = (side[rows][:, None] for side in sides[1:])
         iou[rows] = oriented_iou_3d(R_1[rows][:, None] @ turns, *others).amax(-1)
     return iou.reshape(batch)
 

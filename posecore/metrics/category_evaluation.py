@@ -178,14 +178,14 @@ class _Measure:
 
         precision = {}
         for threshold in iou_thresholds:
-            found = self._pair(images, overlaps, threshold)
+            found, _ = self._pair(images, overlaps, threshold)
             counted = (found < 0) | self.wanted[found]
             precision[threshold] = self._average_precision(
                 order[counted], found[counted] >= 0, count
             )
-        found = self._pair(images, overlaps, IOU_OF_PAIRS)
+        found, overlap = self._pair(images, overlaps, IOU_OF_PAIRS)
         counted = (found < 0) | self.wanted[found]
-        order, found = order[counted], found[counted]
+        order, found, overlap = order[counted], found[counted], overlap[counted]
         paired = found >= 0
         pairs = np.stack([order[paired], found[paired]], axis=1)
         rotation, translation = self._errors(*pairs.T)
@@ -208,7 +208,7 @@ class _Measure:
             pairs=pairs,
             rotation=rotation,
             translation=translation,
-            overlap=self._iou(est, gt),
+            overlap=overlap[paired],
             scale=est.scale / gt.scale,
         )
 
@@ -242,18 +242,25 @@ class _Measure:
         iou = np.empty(len(turns))
         for symmetric in (False, True):
             rows = turns == symmetric
-            score = boxes.nocs_legacy_iou(*(side[rows] for side in sides), symmetric=symmetric)
-            iou[rows] = score
+            some = (side[rows] for side in sides)
+            iou[rows] = boxes.nocs_legacy_iou(*some, symmetric=symmetric)
         return np.nan_to_num(iou)  # which it is not of two cubes around the origin
 
-    def _pair(self, images: list[tuple], overlaps: list[np.ndarray], least: float) -> np.ndarray:
-        """For each estimate, image after image, the row of the object it finds, or -1."""
-        found = [np.zeros(0, int)]
+    def _pair(
+        self, images: list[tuple], overlaps: list[np.ndarray], least: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """For each estimate, image after image, the row of the object that it finds, and their IoU.
+
+        Returns:
+            (D,) rows, -1 of an estimate that finds none, and (D,) overlaps, which it has anyhow.
+        """
+        found, iou = [np.zeros(0, int)], [np.zeros(0)]
         for (rows, objects), overlap in zip(images, overlaps, strict=True):
-            ranks = -np.arange(len(rows))  # the surest come first
+            ranks = -np.arange(len(rows))
             column = detection.pair_by_overlap(overlap, ranks, least)
             found.append(np.append(objects, -1)[column])
-        return np.concatenate(found)
+            iou.append(np.pad(overlap, ((0, 0), (0, 1)))[np.arange(len(rows)), column])
+        return np.concatenate(found), np.concatenate(iou)
 
     def _errors(self, estimated: np.ndarray, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Radians and metres between estimates and objects of the same number."""
@@ -271,19 +278,19 @@ class _Measure:
             return functools.partial(summaries.within, rotation, translation)
         place = np.stack([self.estimates.scene_id, self.estimates.image_id], 1)[pairs[:, 0]]
         _, image = np.unique(place, axis=0, return_inverse=True)
-        where = [np.flatnonzero(image == i) for i in range(image.max() + 1)]
+        ends = np.cumsum(np.bincount(image))[:-1]
+        where = np.split(np.argsort(image, kind="stable"), ends)  # the surest stay first
         one, other, apart = each_with_each([tuple(pairs[rows].T) for rows in where])
         angle, shift = self._errors(one, other)
         angle, shift = np.rad2deg(angle), 100 * shift
 
         def right(degrees: float, cm: float) -> np.ndarray:
-            fits = (angle <= degrees) & (shift <= cm)
-            found = np.zeros(len(pairs), bool)
-            for rows, errors in zip(
-                where, apart(np.where(fits, angle + shift, np.inf)), strict=True
-            ):
-                ranks = -np.arange(len(rows))  # the surest come first
-                found[rows] = detection.match_by_error(errors, ranks, degrees + cm + 1)
+            fits, found = (angle <= degrees) & (shift <= cm), np.zeros(len(pairs), bool)
+            errors = apart(np.where(fits, angle + shift, np.inf))
+            for rows, some in zip(where, errors, strict=True):
+                found[rows] = detection.match_by_error(
+                    some, -np.arange(len(rows)), degrees + cm + 1
+                )
             return found
 
         return right
