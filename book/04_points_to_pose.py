@@ -1049,7 +1049,8 @@ ledger_table(rows)
 # - **Votes** must be taught: without their loss P2P errs a degree more. How much they weigh hardly
 #   matters.
 # - **Cut clouds.** Where up to half of a head is missing, P2P errs less than P2R, as the paper expects of
-#   votes. But it does on whole heads, too, and CloudPose, which knows no votes, is as good as P2P there.
+#   votes. But it does on whole heads, too, and by about as much. CloudPose, which knows no votes and at
+#   this size is the better one on whole heads, is as good as P2P on cut ones.
 # - **Glasses that were never seen** cost some tenths of a degree: with three trainings that is surely
 #   more than 0, and too near to the margin to be called nothing. Section 13 says why it is so little.
 # - **Computing.** That P2R needs less than P2P could not be seen: they share the backbone.
