@@ -31,12 +31,14 @@ class DepthFit(NamedTuple):
         offset: median of measured minus drawn, metres.
         share: of the compared pixels, those that differ by less than 3 %.
         ray_share: the same if the image holds the lengths of rays instead of z.
+        ray: median length of the rays of these pixels, for z of 1.
     """
 
     ratio: float
     offset: float
     share: float
     ray_share: float
+    ray: float
 
 
 def mask_iou(drawn: np.ndarray, instance: Instance) -> float:
@@ -88,6 +90,7 @@ def depth_fit(
         offset=float(np.median(seen - z)),
         share=_share(seen, z),
         ray_share=_share(seen / lengths, z),
+        ray=float(np.median(lengths)),
     )
 
 

@@ -27,6 +27,7 @@ __all__ = [
 
 AGREES = 0.5  # share of pixels, in half of the objects: others may be before them, or shine
 NEAR = 0.05  # relative: a ratio so near to 1 is no unit
+SURE = 4.0  # standard errors
 CONSISTENT = 0.15  # spread of the logarithm of the ratios, to that of the ratio itself
 
 Measured = Callable[[Instance], np.ndarray | None]
@@ -41,6 +42,8 @@ class DepthState:
         ratio, offset, share, ray_share: as there.
         spread: median deviation of the logarithm of the ratios from their median.
         count: objects that could be compared.
+        slope, slope_error: of the logarithm of the ratios on that of the rays' lengths, and its
+            standard error: 0 where the images hold z, 1 where they hold these lengths.
     """
 
     ratio: float
@@ -49,11 +52,19 @@ class DepthState:
     ray_share: float
     spread: float
     count: int
+    slope: float
+    slope_error: float
+
+    @property
+    def of_rays(self) -> bool:
+        """Whether the images clearly hold lengths of rays."""
+        return abs(self.slope - 1) < 0.4 and self.slope > SURE * self.slope_error
 
     @property
     def agrees(self) -> bool:
         """Whether the depth images have the objects where the poses have them."""
-        return self.share >= AGREES and abs(np.log(self.ratio)) < NEAR
+        near = self.share >= AGREES and abs(np.log(self.ratio)) < NEAR
+        return near and not self.of_rays
 
 
 @dataclass(frozen=True)
@@ -125,12 +136,11 @@ def depth_state(
     fits = list(_fits(instances, place, measured or (lambda instance: instance.depth)))
     if not fits:
         return None
-    ratio, offset, share, ray_share = np.median(np.array(fits), 0)
-    logs = np.log([fit.ratio for fit in fits])
+    ratio, offset, share, ray_share, _ = np.median(np.array(fits), 0).tolist()
+    logs, rays = np.log([fit.ratio for fit in fits]), np.log([fit.ray for fit in fits])
     spread = float(np.median(np.abs(logs - np.log(ratio))))
-    return DepthState(
-        float(ratio), float(offset), float(share), float(ray_share), spread, len(fits)
-    )
+    slope = _slope(rays, logs)
+    return DepthState(ratio, offset, share, ray_share, spread, len(fits), *slope)
 
 
 def depth_mistake(
@@ -178,6 +188,8 @@ def depth_mistake(
             )
     best = max(found, key=lambda one: one.after)
     clear = best.after >= AGREES and best.after >= state.share + 0.15
+    if best.key == "lengths of rays":
+        clear = state.of_rays and best.after > state.share
     return best if clear else None
 
 
@@ -226,6 +238,18 @@ def _fits(instances: Sequence[Instance], place: Place, measured: Measured) -> It
         fit = depth_fit(instance, draw(instance.shape, placed, instance.size)[1], image)
         if fit is not None:
             yield fit
+
+
+def _slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Of y on x, and its standard error; outliers of y are left out."""
+    kept = np.abs(y - np.median(y)) <= 5 * np.median(np.abs(y - np.median(y))) + 1e-4
+    x, y = x[kept] - x[kept].mean(), y[kept] - y[kept].mean()
+    power = float((x**2).sum())
+    if len(x) < 5 or power < 1e-12:
+        return 0.0, np.inf
+    slope = float((x * y).sum() / power)
+    noise = float(((y - slope * x) ** 2).sum()) / (len(x) - 2)
+    return slope, float(np.sqrt(noise / power))
 
 
 def _divided(depth: np.ndarray | None, factor: float) -> np.ndarray | None:

@@ -19,7 +19,7 @@ from data_tools.checking.corrections import (
 from data_tools.checking.report import FITS
 from data_tools.checking.sample import Instance, Sample, spread_out
 
-__all__ = ["Explanation", "explain", "scores_of"]
+__all__ = ["Explanation", "clearly_better", "explain", "scores_of"]
 
 MOST_INSTANCES = 40  # that candidates are tried on
 FIRST = 10  # of them for a first choice
@@ -78,27 +78,28 @@ def explain(
     candidates = _candidates(kind, sample, instances)
     if kind == "masks":
         candidates = _finalists(instances, candidates)
+    few = [instances[i] for i in spread_out(len(instances), FIRST)]
     if len(instances) > FIRST:
-        few = [instances[i] for i in spread_out(len(instances), FIRST)]
         first = np.array([np.median(scores_of(kind, few, one)) for one in candidates])
         candidates = [candidates[k] for k in np.flatnonzero(first >= first.max() - WITHIN)]
     repaired = []
     for candidate in candidates:
+        if candidate.vary is not None and kind == "masks":
+            candidate = _tuned(candidate, few)
         after = scores_of(kind, instances, candidate)
-        if _explains(before, after):
+        if clearly_better(before, after):
             repaired.append((candidate, float(np.median(after))))
     if not repaired:
         return None
     error = 1 - max(after for _, after in repaired)
     good = [(c, a) for c, a in repaired if 1 - a <= max(1.25 * error, error + 0.02)]
     best, after = min(good, key=lambda one: (one[0].cost, -one[1]))
-    others = tuple(
-        c for c, a in good if c is not best and c.cost <= best.cost and a >= after - 0.01
-    )
-    if best.vary is not None and kind == "masks":
-        best = _tuned(best, [instances[i] for i in spread_out(len(instances), FIRST)])
-        after = float(np.median(scores_of(kind, instances, best)))
-    return Explanation(best, float(np.median(before)), after, others)
+    others = {
+        c.mistake: c
+        for c, a in good
+        if c.key != best.key and c.cost <= best.cost and a >= after - 0.01
+    }
+    return Explanation(best, float(np.median(before)), after, tuple(others.values()))
 
 
 def _candidates(kind: str, sample: Sample, instances: Sequence[Instance]) -> list[Correction]:
@@ -120,10 +121,9 @@ def _candidates(kind: str, sample: Sample, instances: Sequence[Instance]) -> lis
         unit = None if state is None else depths.unit_correction(state)
         return [*few, cameras[0], *fits.usual_sizes(), *scaled, *([unit] if unit else [])]
     bases = [p for p in poses if p.key != "turned model"]
-    scaled = [fits.scale_fit(instances, base) for base in (AS_GIVEN, *bases)]
-    fitted = fits.camera_fits(instances) + fits.origin_fit(instances)
-    more = [one for one in (*scaled, *fitted) if one is not None]
-    return [*poses, *cameras, *mask_corrections(sample), *more]
+    scaled = [one for base in (AS_GIVEN, *bases) for one in fits.scale_fits(instances, base)]
+    fitted = [*fits.usual_sizes(), *fits.camera_fits(instances), *fits.origin_fit(instances)]
+    return [*poses, *cameras, *mask_corrections(sample), *scaled, *fitted]
 
 
 def _finalists(instances: Sequence[Instance], candidates: list[Correction]) -> list[Correction]:
@@ -145,12 +145,13 @@ def _tuned(correction: Correction, instances: Sequence[Instance]) -> Correction:
     return correction.vary(factor)
 
 
-def _explains(before: np.ndarray, after: np.ndarray) -> bool:
-    """Whether it is clearly better: much, or a little for nearly all of many objects."""
+def clearly_better(before: np.ndarray, after: np.ndarray) -> bool:
+    """Whether agreement is better: by much, or by a little for nearly all of many objects."""
     old, new = float(np.median(before)), float(np.median(after))
-    if new < LEAST_REPAIRED or 1 - new > 0.6 * (1 - old):
+    better, many = float((after > before).mean()), len(before) >= 8
+    left = (1 - new) / max(1 - old, 1e-9)  # of what did not fit
+    if new < LEAST_REPAIRED:
         return False
-    better = float((after > before).mean())
     if new - old >= CLEAR_GAIN:
-        return better >= 0.7
-    return new - old >= LEAST_GAIN and better >= 0.85 and len(before) >= 8
+        return (left <= 0.6 and better >= 0.7) or (left <= 0.75 and better >= 0.8 and many)
+    return new - old >= LEAST_GAIN and left <= 0.6 and better >= 0.85 and many

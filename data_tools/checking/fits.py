@@ -22,7 +22,7 @@ __all__ = [
     "half_words",
     "origin_fit",
     "rescaled",
-    "scale_fit",
+    "scale_fits",
     "snapped",
     "with_owner",
 ]
@@ -30,6 +30,7 @@ __all__ = [
 UNITS = (10.0, 100.0, 1000.0, 10_000.0, 1e6, 25.4)
 """Ratios of units that are mistaken for each other."""
 NEAR_UNIT = 0.04  # relative: a fitted size that is so near to a ratio of units is taken for it
+LIKE_UNIT = 0.3  # the same, where it is tried beside the fitted size
 LEAST_SCALE, MOST_SCALE = 1e-7, 1e7
 
 
@@ -56,8 +57,8 @@ def drawn_blob(instance: Instance, place: Placement | None) -> _Blob | None:
     return _Blob(cv2.moments(hull))
 
 
-def scale_fit(instances: Sequence[Instance], base: Correction) -> Correction | None:
-    """Models enlarged by one factor, the poses corrected before or not.
+def scale_fits(instances: Sequence[Instance], base: Correction) -> list[Correction]:
+    """Models enlarged by the factor that fits, and by the ratio of units that is nearest to it.
 
     For silhouettes it is the same whether models grow or translations shrink; `depth` tells them
     apart.
@@ -65,14 +66,11 @@ def scale_fit(instances: Sequence[Instance], base: Correction) -> Correction | N
     Args:
         instances: with masks, to fit to.
         base: what is done besides.
-
-    Returns:
-        None where nothing can be fitted.
     """
     placed = [(i, base.place(i)) for i in _whole(instances)]
     placed = [(i, p) for i, p in placed if p is not None and p.t[2] > 0]
     if not placed:
-        return None
+        return []
     factor = float(np.median([_first_scale(i, p) for i, p in placed]))
     for _ in range(3):
         ratios = []
@@ -82,7 +80,8 @@ def scale_fit(instances: Sequence[Instance], base: Correction) -> Correction | N
                 ratios.append(np.sqrt(given_blob(instance).area / drawn.area))
         if ratios:
             factor = float(np.clip(factor * np.median(ratios), LEAST_SCALE, MOST_SCALE))
-    return rescaled(base, factor)
+    units = [r for unit in UNITS for r in (unit, 1 / unit) if abs(np.log(factor / r)) < LIKE_UNIT]
+    return [rescaled(base, one) for one in (factor, *units)]
 
 
 def rescaled(base: Correction, factor: float, owner: str | None = None) -> Correction:
@@ -147,8 +146,9 @@ def camera_fits(instances: Sequence[Instance]) -> list[Correction]:
     found = [_shift(shift)]
     for scales, cost in ((np.array([same, same]), 1), (ratio, 2)):
         found.append(_focal(scales, cost))
+        found.append(_resized(scales, cost))
         nice = np.array([_simple(scale) for scale in scales])
-        found.append(_resized(nice, 0 if cost == 1 else 1))
+        found.append(_resized(nice, cost))
         rest = np.median([g.centre - (nice * (d.centre + 0.5) - 0.5) for g, d in pairs], 0)
         if len(pairs) >= 4:
             found.append(_cropped(nice, rest, cost + 2))
@@ -281,7 +281,7 @@ def _resized(scales: np.ndarray, cost: float) -> Correction:
         f"the camera matrix resized by {text}",
         _mapped(np.array([[x, 0, (x - 1) / 2], [0, y, (y - 1) / 2], [0, 0, 1]])),
         cost=cost,
-        vary=None if x == _simple(x) else lambda f: _resized(scales * f, cost),
+        vary=(lambda f: _resized(scales * f, cost)) if cost else None,
     )
 
 

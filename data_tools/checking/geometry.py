@@ -10,7 +10,7 @@ import numpy as np
 from data_tools.checking import depths, fits, wording
 from data_tools.checking.corrections import AS_GIVEN
 from data_tools.checking.explaining import Explanation, explain, scores_of
-from data_tools.checking.report import FITS, SAID, Finding, Report
+from data_tools.checking.report import SAID, Finding, Report
 from data_tools.checking.sample import Instance
 
 __all__ = ["check"]
@@ -28,21 +28,22 @@ def check(report: Report) -> None:
         report.findings.append(_applied(report, explained, sample.instances, None))
     merged: dict[str, Finding] = {}
     lost: list[int] = []  # instances of objects that nobody can explain
-    for object_id in sorted({i.object_id for i in sample.instances}):
+    wrong_masks = explained is not None and explained.correction.targets is not None
+    for object_id in sorted({i.object_id for i in sample.instances} if not wrong_masks else ()):
         mine = [i for i in sample.instances if i.object_id == object_id]
         numbers = [i.number for i in mine]
         others = np.delete(report.fixed, numbers)
         usual = float(np.median(others)) if len(others) else 1.0
         own = float(np.median(report.fixed[numbers]))
-        if own >= FITS[kind] and own >= usual - NOTICEABLE:
+        if own >= report.least and own >= usual - NOTICEABLE:
             continue
         explained = explain(kind, sample, mine, report.scores[numbers])
-        if explained is not None and explained.after > own + 0.02:
+        if explained is not None and _repairs(own, explained.after):
             finding = _applied(report, explained, mine, (object_id,))
             before = merged.get(finding.words)
             ids = (object_id,) if before is None else (*before.objects, object_id)
             merged[finding.words] = replace(before or finding, objects=ids)
-        elif own < OFF * usual and usual >= FITS[kind] and len(others):
+        elif own < OFF * usual and usual >= report.least and len(others):
             lost += numbers
             words = (
                 f"{SAID[kind].format(f'{own:.2f}')}, {usual:.2f} those of the others; none of the "
@@ -52,11 +53,16 @@ def check(report: Report) -> None:
                 "an object that does not fit", words, objects=(object_id,)
             )
     report.findings += merged.values()
-    _judge(report, np.setdiff1d(np.arange(len(report.fixed)), lost))
+    _judge(report, np.setdiff1d(np.arange(len(report.fixed)), lost), not wrong_masks)
 
 
-def _judge(report: Report, numbers: np.ndarray) -> None:
-    """Say how well all fits in the end, and which images do not."""
+def _repairs(before: float, after: float) -> bool:
+    """Whether it is worth to name an object of its own: with few instances much fits by chance."""
+    return after >= before + 0.1 and 1 - after <= 0.5 * (1 - before)
+
+
+def _judge(report: Report, numbers: np.ndarray, each: bool) -> None:
+    """Say how well all fits in the end, and if `each` is to be named, which images do not."""
     kind, fixed = report.kind, report.fixed[numbers]
     typical = float(np.median(fixed))
     low = float(np.quantile(fixed, 0.1))
@@ -64,14 +70,19 @@ def _judge(report: Report, numbers: np.ndarray) -> None:
     end = " once corrected" if report.findings else ""
     if kind != "depth":  # of which more is said later
         report.facts.append(f"{kind}: {said}{end}, {low:.2f} or less for a tenth of the objects")
-    if typical < FITS[kind]:
+    if typical < report.least:
         words = f"{said}, and none of the known mistakes explains it; look at the pictures"
         report.findings.append(Finding("models and images do not fit", words))
         return
     bad = []
     for index, view in report.sample.views.items():
         of_view = [n for n in numbers if report.sample.instances[n].view == index]
-        if of_view and np.median(report.fixed[of_view]) < OFF * typical and kind != "depth":
+        if (
+            of_view
+            and np.median(report.fixed[of_view]) < OFF * typical
+            and kind != "depth"
+            and each
+        ):
             name = f"scene {view.scene_id}, image {view.image_id}"
             bad.append(f"{name}: {np.median(report.fixed[of_view]):.2f}")
     if bad:
@@ -111,7 +122,7 @@ def _applied(
         given = "cannot be compared" if was is None else f"agrees in {was.share:.2f} of the pixels"
         evidence.append(f"depth {given} as given; in {state.share:.2f} with that")
     evidence += [f"as likely by these data: {other.mistake}" for other in explained.others]
-    if objects is not None:
+    if objects is not None and correction.factor != 1:
         words = words.replace("the models are", "its model is")
     numbers = [instance.number for instance in instances]
     for number in numbers:

@@ -13,8 +13,10 @@ from data_tools.checking.sample import Sample
 __all__ = ["FITS", "SAID", "Finding", "Report"]
 
 FITS = {"masks": 0.7, "boxes": 0.7, "depth": 0.5}
-"""The least median agreement. Real masks are off by a pixel or two; other things stand before an
-object, and the depth of what shines is not measured."""
+"""The least median agreement of large objects. Other things stand before an object, and the depth
+of what shines is not measured."""
+BORDER = 1.5  # pixels by which masks drawn by hand are off all around
+
 SAID = {
     "masks": "masks overlap by {} (median IoU)",
     "depth": "{} of the drawn pixels have the measured depth (median)",
@@ -63,6 +65,15 @@ class Report:
     findings: list[Finding] = field(default_factory=list)
     facts: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+
+    @property
+    def least(self) -> float:
+        """The least median agreement of what fits: less for small objects, which are all border."""
+        masks = [i.mask for i in self.sample.instances if i.mask is not None]
+        if self.kind != "masks" or not masks:
+            return FITS[self.kind]
+        radius = float(np.median([np.sqrt(np.count_nonzero(mask) / np.pi) for mask in masks]))
+        return float(np.clip((1 - BORDER / radius) ** 2, 0.4, FITS[self.kind]))
 
     @property
     def fine(self) -> bool:

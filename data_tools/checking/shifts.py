@@ -10,7 +10,7 @@ import numpy as np
 from data_tools.checking.corrections import AS_GIVEN, Place, camera_corrections
 from data_tools.checking.drawing import Placement, draw, hull_of
 from data_tools.checking.fits import half_words
-from data_tools.checking.report import FITS, Finding, Report
+from data_tools.checking.report import Finding, Report
 from data_tools.checking.sample import Instance, spread_out
 
 __all__ = ["MeanShift", "check", "mean_shift", "swap_share"]
@@ -49,7 +49,7 @@ def check(report: Report) -> None:
     allowed = {"half a pixel", "shifted images", "unreadable views", "single images"}
     if {f.key for f in report.findings if f.objects is None} - allowed:
         return
-    fitting = [i for i in report.sample.instances if report.fixed[i.number] >= FITS["masks"]]
+    fitting = [i for i in report.sample.instances if report.fixed[i.number] >= report.least]
     fitting = [fitting[i] for i in spread_out(len(fitting), MOST_OBJECTS)]
     shifted = next(
         (f for f in report.findings if f.key in ("half a pixel", "shifted images")), None
