@@ -33,9 +33,6 @@ NOT_MEASURED = [
           measurement="places", **now.pair("p2r, places", "p2r", "MAE"), **now.OURS),
     Claim(id="p2p_places", statement="P2P that is told where its seeds are errs less",
           measurement="places", **now.pair("p2p, places", "p2p", "MAE"), **now.OURS),
-    Claim(id="frontal", statement="That drivers look ahead hurts RandomizedBins in extreme poses",
-          source="section 4.5", measurement="frontal",
-          **now.pair("bins, even", "bins, frontal", "BMAE")),
     Claim(id="all_seeds",
           statement="A last abstraction that looks at all points is better than one at 16 of them",
           source="section 3.3", measurement="balls",
@@ -52,7 +49,6 @@ NOT_MEASURED = [
 
 MEASUREMENTS = {
     "sizes": Measurement(experiments.measure_sizes, range(3), experiments.BOTH),
-    "frontal": Measurement(experiments.measure_frontal, range(3), experiments.BOTH),
     "crossed": Measurement(experiments.measure_crossed, range(3), experiments.BOTH),
     "places": Measurement(experiments.measure_places, range(3), experiments.BOTH),
     "balls": Measurement(experiments.measure_balls, range(3), experiments.BOTH),
