@@ -4,6 +4,7 @@ On disk BOP has millimetres; everything that leaves this package is in metres.
 """
 
 from data_tools.bop.dataset import BopDataset
+from data_tools.bop.measuring import Symmetry, measure_model
 from data_tools.bop.models import ModelInfo, ModelInfoWarning, Models
 from data_tools.bop.results import read_results, write_results
 from data_tools.bop.rotations import RotationWarning
@@ -15,6 +16,8 @@ __all__ = [
     "ModelInfoWarning",
     "Models",
     "RotationWarning",
+    "Symmetry",
+    "measure_model",
     "read_results",
     "write_dataset",
     "write_results",
