@@ -1,4 +1,4 @@
-"""The command line: `python -m data_tools make | show | export | check | clean`."""
+"""The command line: `python -m data_tools make | show | export | check | models_info | clean`."""
 
 from posecore.command_line import start
 

@@ -1,4 +1,4 @@
-"""The command line: `python -m data_tools make | show | export | check | clean`."""
+"""The command line: `python -m data_tools make | show | export | check | models_info | clean`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from data_tools import storage, units, views
+from data_tools import models_info, storage, units, views
 from data_tools.bop.files import read_json
 from data_tools.bop.writing import write_dataset
 from data_tools.worlds.world import World
@@ -113,6 +113,9 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument(
         "--pictures", metavar="FOLDER", help="draw masks and models of a dataset over its images"
     )
+
+    text = "measure own meshes, and test the symmetries they are said to have"
+    models_info.add_options(_command(commands, "models_info", models_info.models_info, text))
 
     _command(commands, "clean", _clean, "delete all made worlds, and say how much it was")
     return parser

@@ -3,6 +3,8 @@
 A camera is its matrix `K = [[fx, s, cx], [0, fy, cy], [0, 0, 1]]`; the skew `s` is 0 in most data.
 Pixels are (x, y) = (column, row) with the centre of the first pixel at (0, 0), as OpenCV and BOP
 have it, so the image covers -0.5 to width - 0.5. Camera frame: x right, y down, z forward.
+
+A lens that bends straight lines is in `posecore.distortion`, OpenGL's cameras in `posecore.opengl`.
 """
 
 from __future__ import annotations

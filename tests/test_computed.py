@@ -53,6 +53,7 @@ UP = np.eye(4)[None]
         (lambda: clouds.nearest_neighbours(FAR * CLOUD, CLOUD), "points and queries"),
         (lambda: clouds.ball_query(FAR * CLOUD, CLOUD, 1.0, 2), "points and queries"),
         (lambda: clouds.chamfer_distance(FAR * CLOUD, CLOUD), "a and b"),
+        (lambda: clouds.diameter(FAR * CLOUD), "points"),
         (lambda: clouds.estimate_normals(FAR * CLOUD, 4), "points"),
         (lambda: clouds.farthest_point_sampling(FAR * CLOUD, 3), "points"),
         (
@@ -117,6 +118,7 @@ def test_estimates_that_are_no_numbers_are_seen_by_those_who_trust(bad):
             lambda: clouds.nearest_neighbours(wrong, points),
             lambda: clouds.nearest_neighbours(points, wrong),
             lambda: clouds.ball_query(points, wrong, 1.0, 2),
+            lambda: clouds.diameter(wrong),
             lambda: clouds.chamfer_distance(points, wrong),
             lambda: clouds.estimate_normals(wrong, 4),
             lambda: clouds.farthest_point_sampling(wrong, 3),

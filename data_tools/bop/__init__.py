@@ -9,6 +9,7 @@ from data_tools.bop.category_results import (
     write_category_results,
 )
 from data_tools.bop.dataset import BopDataset
+from data_tools.bop.measuring import Symmetry, measure_model
 from data_tools.bop.meshes import read_mesh
 from data_tools.bop.model_writing import to_ply, write_models
 from data_tools.bop.models import ModelInfo, ModelInfoWarning, Models
@@ -27,8 +28,10 @@ __all__ = [
     "Models",
     "PlaceholderWarning",
     "RotationWarning",
+    "Symmetry",
     "UnitWarning",
     "has_categories",
+    "measure_model",
     "read_category_results",
     "read_mesh",
     "read_ply",

@@ -17,7 +17,7 @@ from data_tools.textures import albedo
 from posecore.arrays import fail, require_integer
 from posecore.files import write_bytes
 
-__all__ = ["Model", "to_ply", "write_models"]
+__all__ = ["Model", "to_models_info", "to_ply", "write_models"]
 
 Model = Mesh | trimesh.Trimesh
 """A mesh in metres."""
@@ -47,13 +47,13 @@ def write_models(folder: Path, models: Mapping[int, Model], infos: Mapping[int, 
     """Write a folder of models.
 
     Args:
-        folder: where to; it is made.
+        folder: where to; new, in a folder that exists, or empty.
         models: for every object id its mesh in metres.
         infos: what is known of the objects; the others get it from their meshes.
 
     Raises:
         ValueError: naming the argument, if there is no model, an id is no integer of at least 0,
-            something is no mesh, or an info is of no model.
+            something is no mesh, an info is of no model, or there are files in the folder.
     """
     if not isinstance(models, Mapping) or not models:
         fail("models", "meshes by object id", repr(models))
@@ -61,19 +61,29 @@ def write_models(folder: Path, models: Mapping[int, Model], infos: Mapping[int, 
     for object_id, info in infos.items():
         if object_id not in models or not isinstance(info, ModelInfo):
             fail("infos", "a ModelInfo for ids of models", f"{object_id}: {info!r}")
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
+    if any(folder.iterdir()):
+        fail("folder", "a new or an empty folder", str(folder))
     for object_id in ids:
         data = to_ply(f"models[{object_id}]", models[object_id])
         write_bytes(folder / f"obj_{object_id:06d}.ply", data)
     written = Models(folder)  # diameters and boxes of what is really there
-    lines = []
-    for object_id in ids:
-        info = infos.get(object_id)
-        if info is None:
-            info = _with_symmetries(written.measured(object_id), models[object_id])
-        lines.append(f'  "{object_id}": {json.dumps(_to_entry(info), sort_keys=True)}')
-    text = "{\n" + ",\n".join(lines) + "\n}\n"
-    write_bytes(folder / "models_info.json", text.encode("ascii"))
+    known = {
+        object_id: infos.get(object_id)
+        or _with_symmetries(written.measured(object_id), models[object_id])
+        for object_id in ids
+    }
+    write_bytes(folder / "models_info.json", to_models_info(known))
+
+
+def to_models_info(infos: Mapping[int, ModelInfo]) -> bytes:
+    """The content of `models_info.json`, in millimetres, an object a line.
+
+    Args:
+        infos: what is known of each object, by its id.
+    """
+    lines = (f'  "{i}": {json.dumps(_to_entry(infos[i]), sort_keys=True)}' for i in sorted(infos))
+    return ("{\n" + ",\n".join(lines) + "\n}\n").encode("ascii")
 
 
 def to_ply(name: str, model: Model) -> bytes:

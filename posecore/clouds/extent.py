@@ -30,6 +30,7 @@ def diameter(points: Array) -> Array:
     Raises:
         ValueError: if distances are so large that their squares overflow.
     """
+    require_finite("points", points)  # what is no number would be nearest and farthest of all
     clouds = points.reshape(-1, *points.shape[-2:])
     ends = [_farthest_pair(cloud) for cloud in clouds.detach().cpu().double().numpy()]
     one, other = torch.tensor(ends, dtype=torch.int64, device=points.device).reshape(-1, 2).T

@@ -30,6 +30,7 @@ def box_iou_2d(box_1: Array, box_2: Array) -> Array:
             -1), or areas overflow.
     """
     for name, box in (("box_1", box_1), ("box_2", box_2)):
+        require_finite(name, box)  # what is no number would be no overlap
         wrong = (box[..., 2:] < 0).any(-1)
         if somewhere(wrong):
             fail(name, "widths and heights of at least 0", box[wrong][0].tolist())
@@ -53,6 +54,8 @@ def mask_iou(mask_1: Array, mask_2: Array) -> Array:
     Returns:
         (...) in [0, 1], float64; 0 for two empty masks, as in COCO. Not differentiable.
     """
+    require_finite("mask_1", mask_1)  # what is no number is not 0 either
+    require_finite("mask_2", mask_2)
     one, two = ((mask != 0).double().flatten(-2) for mask in (mask_1, mask_2))
     # Of all pairs a matrix product, which keeps no (A, B, H, W) in memory.
     shared = torch.einsum("...p,...p->...", one, two)

@@ -88,7 +88,7 @@ def pnp(
 
     Args:
         points_3d: (N, 3) points of the object, at least four different ones not on one line.
-        points_2d: (N, 2) their pixels.
+        points_2d: (N, 2) their pixels; of a picture with lens distortion, see `pnp_distorted`.
         K: (3, 3) camera matrix without skew, which OpenCV does not know.
         method: one of the above.
         R, t: (3, 3) and (3,), an initial pose for "iterative".

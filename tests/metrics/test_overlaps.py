@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from posecore.arrays import trusted
 from posecore.metrics import box_iou_2d, mask_iou, match_by_overlap
 
 whole_boxes = hnp.arrays(np.int64, (3, 4), elements=st.integers(0, 9))
@@ -80,3 +81,16 @@ def test_what_is_no_box():
         box_iou_2d([0, 0, 1e200, 1e200], [0, 0, 1, 1])
     with pytest.raises(ValueError, match="W = 5 as in mask_1"):
         mask_iou(np.ones((4, 5)), np.ones((4, 6)))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_no_number_is_seen_by_those_who_trust(bad):
+    """As where a network calls."""
+    for function, good in ((box_iou_2d, torch.ones(2, 4)), (mask_iou, torch.ones(2, 3))):
+        wrong = good.clone()
+        wrong[1, 0] = bad
+        with trusted():
+            with pytest.raises(ValueError, match="^(box|mask)_1: expected finite values"):
+                function(wrong, good)
+            with pytest.raises(ValueError, match="^(box|mask)_2: expected finite values"):
+                function(good, wrong)

@@ -229,3 +229,11 @@ INFO = ModelInfo(1.0, np.zeros(3), np.ones(3), np.zeros((0, 4, 4)))
 def test_bad_input(tmp_path, models, infos, name):
     with pytest.raises(ValueError, match=name):
         write_models(tmp_path / "models", models, infos)
+
+
+def test_models_are_not_written_among_other_files(meshes, tmp_path):
+    write_models(tmp_path, meshes, {})  # an empty folder is as good as a new one
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(ValueError, match="^folder: expected a new or an empty folder, got "):
+        write_models(tmp_path, meshes, {})
+    assert sorted(tmp_path.iterdir()) == before
