@@ -58,6 +58,7 @@ KEPT = {
     "data_tools.checking.sample": "a step of `check_dataset`",
     "data_tools.checking.shifts": "a step of `check_dataset`",
     "data_tools.checking.wording": "a step of `check_dataset`",
+    "data_tools.bop.surfaces": "a step of `measure_model`",
     "data_tools.hmdpose.calibration": "a step of `HmdposeDataset`",
     "data_tools.hmdpose.pictures": "a step of `HmdposeDataset`",
     "data_tools.hmdpose.tables": "a step of `HmdposeDataset`",

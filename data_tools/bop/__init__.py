@@ -9,9 +9,9 @@ from data_tools.bop.category_results import (
     write_category_results,
 )
 from data_tools.bop.dataset import BopDataset
-from data_tools.bop.measuring import Symmetry, measure_model
+from data_tools.bop.measuring import Measured, Symmetry, SymmetryCheck, measure_model
 from data_tools.bop.meshes import read_mesh
-from data_tools.bop.model_writing import to_ply, write_models
+from data_tools.bop.model_writing import to_models_info, to_ply, write_models
 from data_tools.bop.models import ModelInfo, ModelInfoWarning, Models
 from data_tools.bop.ply import MeshWarning, read_ply
 from data_tools.bop.results import read_results, write_results
@@ -22,6 +22,7 @@ from data_tools.bop.writing import write_dataset
 
 __all__ = [
     "BopDataset",
+    "Measured",
     "MeshWarning",
     "ModelInfo",
     "ModelInfoWarning",
@@ -29,6 +30,7 @@ __all__ = [
     "PlaceholderWarning",
     "RotationWarning",
     "Symmetry",
+    "SymmetryCheck",
     "UnitWarning",
     "has_categories",
     "measure_model",
@@ -37,6 +39,7 @@ __all__ = [
     "read_ply",
     "read_results",
     "read_targets",
+    "to_models_info",
     "to_ply",
     "write_category_results",
     "write_dataset",

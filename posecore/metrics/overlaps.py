@@ -53,6 +53,9 @@ def mask_iou(mask_1: Array, mask_2: Array) -> Array:
 
     Returns:
         (...) in [0, 1], float64; 0 for two empty masks, as in COCO. Not differentiable.
+
+    Raises:
+        ValueError: if a mask has numbers that are not finite.
     """
     require_finite("mask_1", mask_1)  # what is no number is not 0 either
     require_finite("mask_2", mask_2)
