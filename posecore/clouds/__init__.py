@@ -1,4 +1,4 @@
-"""Point clouds: sampling, neighbours, interpolation, normals and the distance of two clouds."""
+"""Point clouds: sampling, neighbours and pairs, interpolation, normals, the distance of two."""
 
 from posecore.clouds.interpolation import (
     interpolate,
@@ -6,17 +6,27 @@ from posecore.clouds.interpolation import (
     three_nearest_interpolation,
 )
 from posecore.clouds.neighbours import ball_query, nearest_neighbours
+from posecore.clouds.pairs import (
+    cross_product_normals,
+    neighbour_directions,
+    pair_determinants,
+    pair_features,
+)
 from posecore.clouds.sampling import farthest_point_sampling, gather_points
 from posecore.clouds.surfaces import chamfer_distance, estimate_normals
 
 __all__ = [
     "ball_query",
     "chamfer_distance",
+    "cross_product_normals",
     "estimate_normals",
     "farthest_point_sampling",
     "gather_points",
     "interpolate",
     "interpolation_weights",
     "nearest_neighbours",
+    "neighbour_directions",
+    "pair_determinants",
+    "pair_features",
     "three_nearest_interpolation",
 ]
