@@ -219,6 +219,7 @@ MAKERS: dict[str, Callable[[Values], Values]] = {
     "project": lambda given: {"points": given["points"] + [0, 0, 9]},
     "pnp": _seen_points,
     "uncertainty_pnp": _seen_points,
+    "ransac_umeyama": lambda given: {"target": 2 * given["source"][..., [1, 2, 0]] + 1},
     "refine_on_depth": _seen_wall,
 }
 # The arguments that are no arrays of numbers.
@@ -236,6 +237,7 @@ BESIDE: dict[str, Callable[[Values], dict[str, object]]] = {
     "neighbour_directions": lambda given: {"indices": _next_two(given)},
     "pair_determinants": lambda given: {"indices": _next_two(given)},
     "pair_features": lambda given: {"indices": _next_two(given)},
+    "ransac_umeyama": lambda given: {"threshold": 1e-3, "with_scale": True},
     "resize_intrinsics": lambda given: {"old_size": (8, 6), "new_size": (4, 3)},
     "turned_crop": lambda given: {"size": (8, 6)},
     "widened": lambda given: {"size": (8, 6), "margin": 1.2},
