@@ -170,6 +170,7 @@ KINDS = [
     (r"t(_\w+)?", in_front),
     (r"size(_\d)?|weights|diameter|scale|depth(_\w+)?|taus|boxes|box(_\d)?", positive),
     (r"\w+_normals", directions),
+    (r"confidences|\w+_confidence", positive),
     (r"mask(_\d)?|inside", lambda shape, rng: rng.integers(0, 2, shape).astype(float)),
     ("fraction", lambda shape, rng: rng.uniform(0, 1, shape)),
     ("distortion", lambda shape, rng: rng.uniform(-0.02, 0.02, shape)),

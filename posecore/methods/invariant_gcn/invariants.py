@@ -134,6 +134,9 @@ def pair_channels(
 
     Returns:
         (B, N, K, C): distances over `unit`, angles in radians, determinants, a cosine.
+
+    Raises:
+        ValueError: for another form, an index out of range, or shapes that do not fit.
     """
     require_choice("form", form, list(FORMS))
     if form == "printed":
@@ -164,6 +167,9 @@ def point_channels(
         how far before it the point is, both over `unit`; the cosine of normal and view, for
         "order_free" without its sign; of "handed" det(normal, point, view) over `unit`, and the
         same of the middle's side: how far the normal looks away from it.
+
+    Raises:
+        ValueError: for another form.
     """
     require_choice("form", form, list(FORMS))
     ahead = view[:, None]

@@ -120,6 +120,9 @@ def canonical_loss(
         canonical: (B, N, 3) metres.
         size: (B, 3) metres, true.
         width: of the error, over the diagonal.
+
+    Raises:
+        ValueError: if `width` is not above 0.
     """
     require_number("width", width, above=0)
     error = (said.detach() - _over_diagonal(canonical, size)).norm(dim=-1)
@@ -144,6 +147,9 @@ def face_confidence_loss(
         squared: False for the equation as it is printed.
         detach: whether the confidence alone learns; else an error may grow to fit a confidence.
         reduction: one of `REDUCTIONS`.
+
+    Raises:
+        ValueError: if `a` is not above 0, or for another reduction.
     """
     require_number("a", a, above=0)
     off = _face_offsets(normals, distances, points, R, t, size)
@@ -222,6 +228,9 @@ def confidence_loss(
         symmetric: (B,) bool, of which the term of x is 0.
         b: above 0.
         detach: whether the confidences alone learn.
+
+    Raises:
+        ValueError: if `b` is not above 0.
     """
     require_number("b", b, above=0)
     terms = []

@@ -162,7 +162,12 @@ class InvariantGCN(nn.Module):
             )
 
     def forward(self, cloud: Cloud) -> Prediction:
-        """What clouds tell."""
+        """What clouds tell.
+
+        Raises:
+            ValueError: unless there is one category for each cloud; for graphs with fewer levels or
+                neighbours than the backbone needs.
+        """
         graph, normals, view, category = cloud
         if category.shape != (len(graph),):
             fail("category", f"shape ({len(graph)},)", f"shape {tuple(category.shape)}")
