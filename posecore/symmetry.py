@@ -6,13 +6,14 @@ identity among them, as `ModelInfo.symmetries` of `data_tools.bop` gives them.
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 from posecore import poses
 from posecore.arrays import Array, array_function, fail, require_finite, somewhere
-from posecore.rotations import require_rotation
+from posecore.rotations import axis_angle_to_matrix, require_rotation
 
-__all__ = ["canonical_rotation", "closest_symmetry", "require_symmetries"]
+__all__ = ["canonical_rotation", "closest_symmetry", "require_symmetries", "turned_to_camera"]
 
 PREFERRED_VIEW = (0.2, -1.0, 0.5)
 """Where the camera shall be, seen from the object: in front, a little above and to the side.
@@ -85,6 +86,37 @@ def closest_symmetry(
     require_finite("R_est and R_gt", nearness, "matrices whose products are finite")
     best = symmetries[nearness.argmax(-1, keepdim=True)][..., 0, :, :]
     return poses.compose(R_gt, t_gt, best[..., :3, :3], best[..., :3, 3])
+
+
+@array_function(R="... 3 3", t="... 3", axis="3", front="3")
+def turned_to_camera(R: Array, t: Array, axis: Array, front: Array) -> Array:
+    """Of all poses of a solid of revolution the one that shows the camera its front.
+
+    What `canonical_rotation` is for the steps of a rotation, for all of it: the object is turned
+    about its axis until the camera stands on the side of `front`. So what a network is asked
+    follows from what it sees. It jumps only where the camera is on the axis.
+
+    Args:
+        R: (..., 3, 3) rotations from object to camera.
+        t: (..., 3) translations, metres.
+        axis: (3,) of the object's frame, through its origin, of any length.
+        front: (3,) a direction of the object's frame; what of it is along the axis does not count.
+
+    Returns:
+        (..., 3, 3) the rotation. The translation stays as it is.
+
+    Raises:
+        ValueError: if the axis is zero, or the front is along it.
+    """
+    unit = axis / torch.linalg.vector_norm(axis)
+    ahead = front - (front @ unit) * unit
+    length = torch.linalg.vector_norm(ahead)
+    if somewhere(~(length > 1e-6 * torch.linalg.vector_norm(front))):
+        fail("axis and front", "an axis, and a direction that is not along it", "others")
+    ahead = ahead / length
+    camera = -(R.mT @ t[..., None])[..., 0]
+    angle = torch.atan2(camera @ torch.linalg.cross(unit, ahead), camera @ ahead)
+    return R @ axis_angle_to_matrix(angle[..., None] * unit)
 
 
 def require_symmetries(symmetries: Tensor) -> None:

@@ -170,6 +170,7 @@ KINDS = [
     (r"t(_\w+)?", in_front),
     (r"size(_\d)?|weights|diameter|scale|depth(_\w+)?|taus|boxes|box(_\d)?", positive),
     (r"\w+_normals", directions),
+    (r"confidences|\w+_confidence", positive),
     (r"mask(_\d)?|inside", lambda shape, rng: rng.integers(0, 2, shape).astype(float)),
     ("fraction", lambda shape, rng: rng.uniform(0, 1, shape)),
     ("distortion", lambda shape, rng: rng.uniform(-0.02, 0.02, shape)),
@@ -221,6 +222,12 @@ def spread(*shape: int) -> np.ndarray:
     return np.broadcast_to(np.arange(shape[-1]), shape).copy()
 
 
+def _next_two(given: Values) -> np.ndarray:
+    """(..., N, 2) of each point the two that follow."""
+    *batch, n, _ = given["points"].shape
+    return np.broadcast_to((np.arange(n)[:, None] + [1, 2]) % n, (*batch, n, 2)).copy()
+
+
 # What is not any array of its shape: functions with arguments that have to fit each other.
 MAKERS: dict[str, Callable[[Values], Values]] = {
     "correct_pose": lambda given: {"turn": given["R"].mT},
@@ -230,12 +237,14 @@ MAKERS: dict[str, Callable[[Values], Values]] = {
     "pnp_distorted": _seen_through_a_lens,
     "project_distorted": lambda given: {"points": given["points"] + [0, 0, 9]},
     "uncertainty_pnp": _seen_points,
+    "ransac_umeyama": lambda given: {"target": 2 * given["source"][..., [1, 2, 0]] + 1},
     "refine_on_depth": _seen_wall,
 }
 # The arguments that are no arrays of numbers.
 BESIDE: dict[str, Callable[[Values], dict[str, object]]] = {
     "ball_query": lambda given: {"radius": 1.0, "count": 2},
     "crop_and_resize_intrinsics": lambda given: {"box": [1, 2, 4, 3], "new_size": (8, 6)},
+    "cross_product_normals": lambda given: {"indices": _next_two(given)},
     "crop_intrinsics": lambda given: {"x": 3, "y": 2},
     "estimate_normals": lambda given: {"k": 4},
     "farthest_point_sampling": lambda given: {"count": 3},
@@ -245,6 +254,10 @@ BESIDE: dict[str, Callable[[Values], dict[str, object]]] = {
     "model_keypoints": lambda given: {"count": 3},
     "nearest_neighbours": lambda given: {"k": 2},
     "projection_to_intrinsics": lambda given: {"size": (8, 6)},
+    "neighbour_directions": lambda given: {"indices": _next_two(given)},
+    "pair_determinants": lambda given: {"indices": _next_two(given)},
+    "pair_features": lambda given: {"indices": _next_two(given)},
+    "ransac_umeyama": lambda given: {"threshold": 1e-3, "with_scale": True},
     "resize_intrinsics": lambda given: {"old_size": (8, 6), "new_size": (4, 3)},
     "turned_crop": lambda given: {"size": (8, 6)},
     "widened": lambda given: {"size": (8, 6), "margin": 1.2},

@@ -25,6 +25,7 @@ KEPT = {
     "posecore.metrics.bop_scores.surest_of_images": "a step of `detection_precision`",
     "posecore.metrics.model_errors.threads_for_searches": "of `evaluate`, for many calls in a row",
     "posecore.metrics.motions": "the search for the best symmetry, within `mssd` and `mspd`",
+    "posecore.nets.graph3d.fused": "how `SurfaceConv` and `GraphConv` save memory",
     "posecore.nets.pointnet2.fused": "how `SetAbstraction` saves memory",
     "posecore.nets.rotation_heads.decoders.full_precision": "what decoders do within autocast",
     "posecore.registration.planar": "the starts of `pnp` for flat objects",

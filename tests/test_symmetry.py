@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from posecore import poses
 from posecore.metrics import add_s
 from posecore.models import model_keypoints
-from posecore.symmetry import canonical_rotation
+from posecore.symmetry import canonical_rotation, turned_to_camera
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -211,3 +211,34 @@ SHEET = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 1, 1]])[Non
 def test_bad_input_is_named(call, named):
     with pytest.raises(ValueError, match=f"^{named}:"):
         call()
+
+
+# All turns about an axis --------------------------------------------------------------------------
+
+
+@given(seed=SEEDS)
+def test_a_solid_of_revolution_shows_its_front(seed):
+    rng = np.random.default_rng(seed)
+    R, t = pose(rng, (4,))
+    axis, front = rng.normal(size=(2, 3))
+    found = turned_to_camera(R, t, axis, front)
+    unit = axis / np.linalg.norm(axis)
+    np.testing.assert_allclose(found @ unit, R @ unit, atol=1e-9)  # turned about its axis
+    camera = -(found.swapaxes(-1, -2) @ t[..., None])[..., 0]
+    flat = camera - (camera @ unit)[:, None] * unit
+    ahead = front - (front @ unit) * unit
+    cosines = (flat @ ahead) / np.linalg.norm(flat, axis=1) / np.linalg.norm(ahead)
+    np.testing.assert_allclose(cosines, 1, atol=1e-9)
+    # Whichever turn it came with.
+    spin = Rotation.from_rotvec(rng.uniform(0, 7) * unit).as_matrix()
+    np.testing.assert_allclose(turned_to_camera(R @ spin, t, axis, front), found, atol=1e-9)
+    np.testing.assert_allclose(turned_to_camera(found, t, axis, front), found, atol=1e-9)
+
+
+def test_a_front_that_is_none():
+    R, t = np.eye(3), [0, 0, 1.0]
+    for axis, front in (([0, 1, 0], [0, 2, 0]), ([0, 0, 0], [0, 0, 1]), ([0, 1, 0], [0, 0, 0])):
+        with pytest.raises(ValueError, match="^axis and front: expected an axis, and a direction"):
+            turned_to_camera(R, t, axis, front)
+    above = turned_to_camera(R, [0, 1.0, 0], [0, 1, 0], [0, 0, 1])  # the camera on the axis
+    np.testing.assert_allclose(above, R)
