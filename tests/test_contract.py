@@ -163,7 +163,7 @@ KINDS = [
     ("K|camera", intrinsics),
     ("T|symmetries", motions),
     (r"t(_\w+)?", in_front),
-    (r"size(_\d)?|weights|diameter|scale|depth|boxes|box", positive),
+    (r"size(_\d)?|weights|diameter|scale|depth|boxes|box|\w*confidences?", positive),
     (r"\w+_normals", directions),
     ("mask|inside", lambda shape, rng: rng.integers(0, 2, shape).astype(float)),
     ("covariances", lambda shape, rng: np.eye(2) * positive((*shape[:-2], 1, 1), rng)),

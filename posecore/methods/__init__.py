@@ -7,5 +7,12 @@ A method is a package of this folder, listed in `METHODS`. Its module `command` 
 
 __all__ = ["METHODS"]
 
-METHODS = ("cloudpose", "infrared", "points_to_pose", "random_bins", "vector_field")
+METHODS = (
+    "cloudpose",
+    "infrared",
+    "invariant_gcn",
+    "points_to_pose",
+    "random_bins",
+    "vector_field",
+)
 """The packages of this folder, in the order in which the command line names them."""
