@@ -11,7 +11,14 @@ from posecore.lazy import submodule, submodules
 
 __all__ = ["METHODS"]
 
-METHODS = ("cloudpose", "infrared", "points_to_pose", "random_bins", "vector_field")
+METHODS = (
+    "cloudpose",
+    "infrared",
+    "invariant_gcn",
+    "points_to_pose",
+    "random_bins",
+    "vector_field",
+)
 """The packages of this folder, in the order in which the command line names them."""
 
 

@@ -39,11 +39,11 @@ def rotation_from_axes(
     Raises:
         ValueError: if a confidence is negative.
     """
-    batch = torch.broadcast_shapes(x.shape, y.shape)
-    x, y = x.expand(batch), y.expand(batch)
     one = x.new_ones(())
     c_x = one if x_confidence is None else x_confidence
     c_y = one if y_confidence is None else y_confidence
+    batch = torch.broadcast_shapes(x.shape[:-1], y.shape[:-1], c_x.shape, c_y.shape)
+    x, y = x.expand(*batch, 3), y.expand(*batch, 3)
     for name, values in (("x_confidence", c_x), ("y_confidence", c_y)):
         if somewhere(values < 0):
             fail(name, "none negative", float(values.min()))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import torch
 
-from posecore.arrays import Array, array_function
+from posecore.arrays import Array, array_function, fail, somewhere
 from posecore.registration import Plane, fit_plane
 
 __all__ = [
@@ -88,6 +88,8 @@ def voted_faces(points: Array, normals: Array, distances: Array, confidences: Ar
     Raises:
         ValueError: if a confidence is negative, or all of a face's are zero.
     """
+    if somewhere(confidences < 0) or somewhere(confidences.sum(-2) == 0):
+        fail("confidences", "none negative, some above 0 for each face", float(confidences.min()))
     votes = face_points(points, normals, distances).transpose(-3, -2)  # (..., 6, N, 3)
     weights = confidences.transpose(-1, -2)  # (..., 6, N)
     outward = (weights[..., None] * normals.transpose(-3, -2)).sum(-2)

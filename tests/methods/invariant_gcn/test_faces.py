@@ -1,6 +1,7 @@
 """Faces of a box: where points see them, and what they vote for."""
 
 import numpy as np
+import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
@@ -75,3 +76,11 @@ def test_gradients_reach_all_that_votes():
     distances, sure = face_distances(points, R, t, size), torch.rand(20, 6, generator=generator)
     inputs = [x.requires_grad_() for x in (normals, distances, sure.double())]
     assert torch.autograd.gradcheck(lambda n, d, c: voted_faces(points, n, d, c), inputs)
+
+
+def test_confidences_that_cannot_be():
+    points, R, t, size = box(1)
+    normals, distances = np.ones((20, 6, 3)), face_distances(points, R, t, size)
+    for sure in (-np.ones((20, 6)), np.eye(20, 6) * [1, 1, 1, 1, 1, 0]):
+        with pytest.raises(ValueError, match="^confidences: expected none negative, some above 0"):
+            voted_faces(points, normals, distances, sure)
