@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from data_tools.checking.corrections import Correction
-from data_tools.checking.drawing import draw, hull_mask, hull_of
+from data_tools.checking.drawing import Placement, draw, hull_mask, hull_of
 from data_tools.checking.sample import LEAST_PIXELS, Instance
 
 __all__ = [
@@ -117,7 +117,7 @@ def agreement(kind: str, instance: Instance, correction: Correction) -> float:
         correction: says where its model is drawn, and with what it is compared.
     """
     place = correction.place(instance)
-    if place is None:
+    if place is None or (kind != "masks" and not _in_view(instance, place)):
         return 0.0
     drawn, depth = draw(instance.shape, place, instance.size)
     if kind == "masks":
@@ -132,6 +132,12 @@ def agreement(kind: str, instance: Instance, correction: Correction) -> float:
     # A model drawn a tenth as large lies within the object and agrees all over: where it ends the
     # object has to end, at half of the border at least, as it may stand on something.
     return fit.share * min(1.0, 2 * _ends(depth, measured))
+
+
+def _in_view(instance: Instance, place: Placement) -> bool:
+    """Whether all of the object is in front, and enough of it in the image."""
+    hull = hull_of(instance.shape, place)
+    return np.count_nonzero(hull_mask(hull, instance.size)) >= LEAST_PIXELS
 
 
 def _ends(drawn: np.ndarray, measured: np.ndarray) -> float:

@@ -203,7 +203,7 @@ def unit_correction(state: DepthState) -> Correction | None:
         "depth unit",
         f"the depth images are {wording.times(factor)}: their unit is not what is said of it, in "
         "BOP by depth_scale",
-        f"depth divided by {factor:.4g}",
+        f"depth divided by {wording.number(factor)}",
         AS_GIVEN.place,
         depth=factor,
     )

@@ -63,7 +63,13 @@ def _repairs(before: float, after: float) -> bool:
 
 def _judge(report: Report, numbers: np.ndarray, each: bool) -> None:
     """Say how well all fits in the end, and if `each` is to be named, which images do not."""
-    kind, fixed = report.kind, report.fixed[numbers]
+    kind = report.kind
+    # An image without a neighbour cannot have its poses.
+    placed = [
+        report.corrections[n].place(i) is not None for n, i in enumerate(report.sample.instances)
+    ]
+    numbers = numbers[np.array(placed)[numbers]]
+    fixed = report.fixed[numbers]
     typical = float(np.median(fixed))
     low = float(np.quantile(fixed, 0.1))
     said = SAID[kind].format(f"{typical:.2f}")

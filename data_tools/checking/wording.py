@@ -14,6 +14,7 @@ from data_tools.units import DIAMETERS, DISTANCES
 __all__ = [
     "all_lengths",
     "near_unit",
+    "number",
     "plausible_owner",
     "scale_words",
     "sizes_plausible",
@@ -37,10 +38,15 @@ def near_unit(ratio: float) -> float:
     return ratio if unit is None else unit
 
 
+def number(size: float) -> str:
+    """A size that was fitted, to three digits; the ratio of two units as it is."""
+    return f"{size:.3g}" if snapped(size) is None else f"{size:.4g}"
+
+
 def times(ratio: float) -> str:
     """`1000 times too large`, or too small for a ratio below 1."""
     size = near_unit(ratio if ratio > 1 else 1 / ratio)
-    return f"{size:.4g} times too {'large' if ratio > 1 else 'small'}"
+    return f"{number(size)} times too {'large' if ratio > 1 else 'small'}"
 
 
 def too_large(ratio: float) -> str:
@@ -65,12 +71,16 @@ def scale_words(correction: Correction, owner: str | None) -> tuple[str, str, st
     if snapped(factor) is None:
         models += ": a scaled mesh"
     if owner == "models":
-        key, words, remedy = "scaled models", models, f"models times {factor:.4g}"
+        key, words, remedy = "scaled models", models, f"models times {number(factor)}"
     elif owner == "translations":
-        key, words, remedy = "scaled translations", poses, f"translations times {1 / factor:.4g}"
+        key, words, remedy = (
+            "scaled translations",
+            poses,
+            f"translations times {number(1 / factor)}",
+        )
     else:
         key, words = "scale", f"{models}, or {poses}: without depth one cannot tell"
-        remedy = f"models times {factor:.4g}"
+        remedy = f"models times {number(factor)}"
     base = correction.key.removesuffix("scale").removesuffix(" and ")
     if not base:
         return key, words, remedy
@@ -81,7 +91,7 @@ def scale_words(correction: Correction, owner: str | None) -> tuple[str, str, st
 def all_lengths(factor: float) -> tuple[str, str, str]:
     """Key, mistake and remedy where models and translations alike are off, and depth is right."""
     words = f"models and translations are {too_large(1 / factor)}"
-    return "scaled models and translations", words, f"both times {near_unit(factor):.4g}"
+    return "scaled models and translations", words, f"both times {number(near_unit(factor))}"
 
 
 def plausible_owner(instances: Sequence[Instance], factor: float) -> str | None:
