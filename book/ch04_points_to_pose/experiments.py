@@ -153,6 +153,7 @@ MEASUREMENTS = {
     "cut": Measurement(measure_cut, range(3), BOTH),
     "longer_p2p": Measurement(longer.measure_p2p, range(3), BOTH),
     "frontal": Measurement(measure_frontal, range(3), BOTH),
+    "balls": Measurement(measure_balls, range(3), BOTH),
     "costs": Measurement(costs.measure, range(3), (), timed=True),
 }
 

@@ -77,7 +77,7 @@ LOOKS_AT_PICTURES = {
     *("masks", "gains", "views", "parts", "labels", "weights", "places", "blurs", "sizes"),
     *("light", "clouds"),
     *("race", "estimated", "unseen", "heads", "votes", "p2p", "p2r", "p2p_estimated"),
-    *("glasses", "regression", "cut", "longer_p2p", "frontal"),
+    *("glasses", "regression", "cut", "longer_p2p", "frontal", "balls"),
 }
 
 
