@@ -36,7 +36,8 @@ NOT_MEASURED = [
     Claim(id="p2r_flat", statement="P2R has learned what it can: 4000 steps are as good as 2000",
           measurement="longer_p2r", favoured=key("p2r longer, book", "MAE"),
           other=key("p2r, book", "MAE"), **now.FLAT),
-    Claim(id="bins_flat", statement="RandomizedBins has learned what it can: 4000 steps are as good",
+    Claim(id="bins_flat",
+          statement="RandomizedBins has learned what it can: 4000 steps are as good",
           measurement="longer_bins", favoured=key("bins longer, book", "MAE"),
           other=key("bins, book", "MAE"), **now.FLAT),
 ]  # fmt: skip
