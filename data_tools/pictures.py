@@ -74,7 +74,8 @@ class PictureFolder(Dataset):
         if not isinstance(path, str | Path) or not Path(path).is_dir():
             fail("path", "a folder of pictures", repr(path))
         if split is not None:
-            fail("split", "None, as a folder of pictures has no parts", repr(split))
+            expected = "None, as a folder of pictures has no parts, and no poses to train with"
+            fail("split", expected, repr(split))
         self.path = Path(path)
         names = [p.name for p in self.path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES]
         self.files = sorted(names, key=_natural)

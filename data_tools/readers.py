@@ -10,6 +10,7 @@ READERS = {
     "bop": "data_tools.bop.dataset:BopDataset",
     "linemod": "data_tools.linemod:LinemodDataset",
     "hmdpose": "data_tools.hmdpose:HmdposeDataset",
+    "pictures": "data_tools.pictures:PictureFolder",
     "headset": "data_tools.worlds.headset:WORLD.open",
     "tabletop": "data_tools.worlds.tabletop:WORLD.open",
     "categories": "data_tools.worlds.categories:WORLD.open",

@@ -80,6 +80,8 @@ def scale_fits(instances: Sequence[Instance], base: Correction) -> list[Correcti
                 ratios.append(np.sqrt(given_blob(instance).area / drawn.area))
         if ratios:
             factor = float(np.clip(factor * np.median(ratios), LEAST_SCALE, MOST_SCALE))
+    if snapped(factor) is not None:
+        return [rescaled(base, factor)]
     units = [r for unit in UNITS for r in (unit, 1 / unit) if abs(np.log(factor / r)) < LIKE_UNIT]
     return [rescaled(base, one) for one in (factor, *units)]
 

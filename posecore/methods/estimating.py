@@ -17,9 +17,11 @@ from tqdm.auto import tqdm
 from data_tools.bop import write_results
 from data_tools.views import Dataset, View
 from posecore.arrays import fail
+from posecore.methods import overlays
+from posecore.methods.notes import note
 from posecore.methods.outputs import check_outputs, say_beside
 from posecore.methods.runs import Run
-from posecore.methods.sources import new_parser, open_source
+from posecore.methods.sources import SOURCE, new_parser, open_source
 from posecore.metrics.pose_table import PoseTable
 from posecore.training.machine import choose_device
 
@@ -93,11 +95,24 @@ def add_parser(
     Returns:
         Its parser, for options of its own.
     """
-    parser = new_parser(methods, name, command, summary=summary, description=description)
+    source = f"{SOURCE}; or pictures:FOLDER, with --camera"
+    words = {"summary": summary, "description": description, "source": source}
+    parser = new_parser(methods, name, command, **words)
     parser.add_argument("--run", required=True, help=f"folder that `train {name}` wrote")
     parser.add_argument("--split", help="which part, if there are several")
     parser.add_argument("--targets", metavar="FILE", help="with bop:PATH: test_targets_bop19.json")
     parser.add_argument("--output", metavar="FILE.csv", required=True)
+    parser.add_argument(
+        "--camera",
+        metavar="FILE",
+        help="of pictures: BOP's camera.json, or K as JSON (default: camera.json in the folder or "
+        "beside it)",
+    )
+    parser.add_argument(
+        "--pictures",
+        metavar="FOLDER",
+        help="draw the poses over the images (of pictures, by default: FILE_pictures)",
+    )
     return parser
 
 
@@ -105,22 +120,29 @@ def estimate(
     options: argparse.Namespace,
     read_run: Callable[[str], SomeRun],
     new_estimator: Callable[[SomeRun, argparse.Namespace, torch.device], Estimator],
+    needs: str | None = None,
 ) -> None:
     """Estimate the poses in a dataset, and write them as a BOP results file.
+
+    Of a folder of pictures the poses are drawn, too, and a file says which picture is which.
 
     Args:
         options: of the command.
         read_run: reads the folder `--run`.
         new_estimator: `new_estimator(run, options, device)` makes it, with the run's weights.
+        needs: what a folder of pictures lacks for this method, in words; None for nothing.
 
     Raises:
         ValueError: for an option that cannot be, or a run or data that do not fit.
         OSError: if the results cannot be written.
     """
     output = Path(options.output)
-    folder = options.data.partition(":")[2]
-    read = options.run, folder, options.targets, getattr(options, "clouds", None)
+    kind, _, folder = options.data.partition(":")
+    read = options.run, folder, options.targets, options.camera, getattr(options, "clouds", None)
     check_outputs({"--output": options.output}, read)
+    if kind == "pictures" and needs is not None:
+        fail("--data", needs, "a folder of pictures")
+    beside = overlays.beside(options)
     run = read_run(options.run)
     dataset = _open(options, run)
     estimator = new_estimator(run, options, choose_device(options.device))
@@ -128,6 +150,10 @@ def estimate(
     write_results(output, table)
     spent = f", {1000 * np.median(seconds):.0f} ms an image (median)" if seconds else ""
     say_beside(f"{output}: {len(table)} poses in {len(seconds)} images{spent}", (options.output,))
+    if not len(table):
+        note("no object was found")
+    for line in beside.write(dataset, table, getattr(run, "models", ())):
+        say_beside(line, (options.output,))
 
 
 def estimate_views(
@@ -191,6 +217,10 @@ def _open(options: argparse.Namespace, run: Run) -> Dataset:
         if not options.data.startswith("bop:"):
             fail("--targets", "nothing, as the data are no bop:PATH", options.targets)
         choices["targets"] = options.targets
+    if options.camera:
+        if not options.data.startswith("pictures:"):
+            fail("--camera", "nothing, as the data are no pictures:FOLDER", options.camera)
+        choices["camera"] = options.camera
     dataset = open_source(options.data, options.split, run.options.get("scale"), **choices)
     ids = run.object_ids
     if dataset.object_ids and not set(ids) & set(dataset.object_ids):

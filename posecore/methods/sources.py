@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import data_tools
 from data_tools import units
+from data_tools.readers import READERS
 from data_tools.views import Dataset
+from posecore.arrays import fail
 from posecore.methods.notes import note
 
 __all__ = ["new_parser", "open_source"]
@@ -25,6 +28,7 @@ def new_parser(
     *,
     summary: str,
     description: str,
+    source: str = SOURCE,
 ) -> argparse.ArgumentParser:
     """Add a method to a command, with the options of all commands that read a dataset.
 
@@ -34,13 +38,14 @@ def new_parser(
         command: what runs it.
         summary: a few words.
         description: a few sentences.
+        source: what `--data` may be.
 
     Returns:
         Its parser, which knows `--data` and `--device`.
     """
     parser = methods.add_parser(name, help=summary, description=description)
     parser.set_defaults(command=command)
-    parser.add_argument("--data", metavar="SOURCE", required=True, help=SOURCE)
+    parser.add_argument("--data", metavar="SOURCE", required=True, help=source)
     parser.add_argument("--device", default="auto", help="default: a GPU where there is one")
     return parser
 
@@ -66,15 +71,18 @@ def open_source(
     Raises:
         ValueError: if there is no such source, or its reader refuses it.
     """
+    if source not in READERS and Path(source).is_dir():
+        expected = f"bop:{source} for a dataset, or pictures:{source} for a folder of pictures"
+        fail("--data", expected, source)
     if ":" not in source:  # a world, which has scales, and is made on first use
         options |= {"scale": scale_name, "progress": show and sys.stderr.isatty()}
     try:
         dataset = data_tools.open(source, split=split, **options)
     except ValueError as error:
         argument, colon, words = str(error).partition(": ")
-        if not colon or argument not in ("path", "source", "split"):
+        if not colon or argument not in ("path", "source", "split", "camera"):
             raise
-        name = "--split" if argument == "split" else "--data"
+        name = f"--{argument}" if argument in ("split", "camera") else "--data"
         raise ValueError(f"{name}: {words}") from error
     if ":" in source and show and isinstance(dataset, Dataset):
         for text in units.of_dataset(dataset):

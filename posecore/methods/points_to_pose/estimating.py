@@ -24,6 +24,13 @@ from posecore.poses import apply, from_matrix, relative
 __all__ = ["CloudEstimator", "SeenCloud", "estimate_on_clouds"]
 
 
+NEEDS = (
+    "clouds of points, from depth, masks and the poses of the cameras, as headset and hmdpose:PATH "
+    "have them"
+)
+"""What `--data` has to hold."""
+
+
 class SeenCloud(NamedTuple):
     """What a `CloudEstimator` is given of a view."""
 
@@ -119,7 +126,7 @@ def estimate_on_clouds(options: argparse.Namespace, kind: type[CloudRun]) -> Non
         ValueError: for an option that cannot be, or a run or data that do not fit.
         OSError: if the results cannot be written.
     """
-    estimating.estimate(options, partial(read_net_run, kind=kind), _estimator)
+    estimating.estimate(options, partial(read_net_run, kind=kind), _estimator, NEEDS)
 
 
 def _estimator(run: CloudRun, options: argparse.Namespace, device: torch.device) -> CloudEstimator:
