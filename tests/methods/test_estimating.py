@@ -180,3 +180,38 @@ def test_clouds_that_are_read_are_not_written_over(three, tmp_path):
     options.clouds = options.output
     with pytest.raises(ValueError, match="^--output: expected a file that the command does not"):
         estimate(options, refuse, refuse)
+
+
+def test_pictures_are_refused_by_what_needs_more(tmp_path):
+    options = parsed("--output", str(tmp_path / "out.csv"))
+    options.data = "pictures:photos"
+    with pytest.raises(ValueError, match="^--data: expected clouds, got a folder of pictures"):
+        estimate(options, refuse, refuse, needs="clouds")
+
+
+def test_a_camera_is_for_pictures(three, tmp_path, monkeypatch):
+    monkeypatch.setattr(estimating, "open_source", lambda *_, **__: three)
+    options = parsed("--output", str(tmp_path / "out.csv"), "--camera", "K.json")
+    with pytest.raises(ValueError, match="^--camera: expected nothing, as the data are no pictu"):
+        estimate(options, lambda _: Run(), refuse)
+
+
+def test_drawn_poses(three, tmp_path, monkeypatch, capsys, clock):
+    monkeypatch.setattr(estimating, "open_source", lambda *_, **__: three)
+    drawn = tmp_path / "drawn"
+    options = parsed("--output", str(tmp_path / "out.csv"), "--pictures", str(drawn))
+    estimate(options, lambda _: Run(), lambda *_: Counting())
+    assert len(list(drawn.iterdir())) == 3
+    assert f"{drawn}: 3 of 3 images with their poses" in capsys.readouterr().out
+
+
+def test_nothing_found_is_said(three, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(estimating, "open_source", lambda *_, **__: three)
+
+    class Blind:
+        def estimate(self, images, K):
+            return []
+
+    options = parsed("--output", str(tmp_path / "out.csv"))
+    estimate(options, lambda _: Run(), lambda *_: Blind())
+    assert capsys.readouterr().err == "note: no object was found\n"

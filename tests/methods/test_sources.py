@@ -37,6 +37,24 @@ def test_what_is_no_source_is_refused():
         open_source("nonsense", None, "tiny")
 
 
+def test_a_folder_needs_its_kind(tmp_path, monkeypatch):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "tabletop").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match="^--data: expected bop:photos .*or pictures:photos"):
+        open_source("photos", None, "tiny")
+    monkeypatch.setattr(data_tools, "open", lambda *_, **__: "the world", raising=False)
+    assert open_source("tabletop", None, "tiny") == "the world"
+
+
+def test_cameras_of_pictures(tmp_path):
+    with pytest.raises(ValueError, match="^--data: expected a folder of pictures"):
+        open_source("pictures:nowhere", None, None, camera=None)
+    (tmp_path / "a.png").write_bytes(b"")
+    with pytest.raises(ValueError, match="^--camera: expected a JSON file"):
+        open_source(f"pictures:{tmp_path}", None, None, camera="nowhere.json")
+
+
 def test_odd_units_are_told_of_once(monkeypatch, capsys, three):
     monkeypatch.setattr(data_tools, "open", lambda *_, **__: three, raising=False)
     monkeypatch.setattr(sources.units, "of_dataset", lambda _: iter(["700 m away"]))

@@ -37,6 +37,8 @@ def test_what_is_refused(run, tmp_path, capsys):
     refused(capsys, train_words(METHOD, run, "--steps", "4"), "--steps: expected 3 as")
     words = train_words(METHOD, tmp_path / "run", "--clouds", "nowhere")
     refused(capsys, words, "--clouds: expected a file that `clouds infrared` wrote")
+    words = estimate_words(METHOD, run, tmp_path / "poses.csv", data="pictures:photos")
+    refused(capsys, words, "--data: expected clouds of points, from depth, masks and the poses of")
     words = estimate_words("points_to_pose", run, tmp_path / "poses.csv")
     refused(capsys, words, "method: expected points_to_pose, got cloudpose")
     assert not list(tmp_path.iterdir())

@@ -1,5 +1,7 @@
 """`train vector_field` and `estimate vector_field` together, on other data than BOP's."""
 
+import json
+
 import cv2
 import numpy as np
 import pytest
@@ -54,6 +56,33 @@ def test_an_own_object_without_lists(source, tmp_path, capsys):
     capsys.readouterr()
     assert main([*words[:-2], "--batch", "10000000"]) == 2
     assert "--batch: expected a batch that fits into" in capsys.readouterr().err
+
+
+def test_a_folder_of_pictures(source, run, tmp_path, capsys):
+    """The same poses as of the dataset that they are from; drawn, and with their names."""
+    views = list(data_tools.open(source, split="test"))
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    for view in views:
+        cv2.imwrite(str(photos / f"IMG_{view.image_id + 40}.png"), view.rgb[..., ::-1])
+    camera, output = tmp_path / "K.json", tmp_path / "poses.csv"
+    camera.write_text(json.dumps(views[0].K.tolist()))
+    words = estimate_words(run, f"pictures:{photos}", output)
+    assert main(words) == 2
+    assert "error: --camera: expected a file, as there is no" in capsys.readouterr().err
+    assert main([*words, "--camera", str(camera)]) == 0
+    assert f"{output}: " in capsys.readouterr().out
+    found, names = read_results(output), (tmp_path / "poses_images.csv").read_text()
+    assert "0,40,IMG_40.png\n" in names and names.count("\n") == 1 + len(views)
+    drawn = sorted(path.name for path in (tmp_path / "poses_pictures").iterdir())
+    assert drawn == sorted(f"poses_IMG_{view.image_id + 40}.png" for view in views)
+    usual = tmp_path / "usual.csv"
+    assert main(estimate_words(run, source, usual, "--split", "test")) == 0
+    expected = read_results(usual)
+    assert not (tmp_path / "usual_images.csv").exists()
+    np.testing.assert_array_equal(found.image_id, expected.image_id + 40)
+    np.testing.assert_allclose(found.t, expected.t, atol=1e-9)
+    np.testing.assert_allclose(found.score, expected.score, atol=1e-12)
 
 
 def test_linemod_as_pvnet_lays_it_out(source, tmp_path, capsys):
