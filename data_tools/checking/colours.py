@@ -75,9 +75,9 @@ def check(report: Report) -> None:
         return
     (x, y), what = fit.shift, "masks" if report.kind == "masks" else "drawn models"
     report.facts.append(
-        f"colours: on the outlines of the {what} edges of the pictures are {fit.strength:.1f} "
-        f"standard deviations above the mean around; they are strongest, {fit.shifted:.1f}, at "
-        f"({x:+d}, {y:+d}) pixels from there"
+        f"colours: edges of the pictures are strongest ({x:+d}, {y:+d}) pixels from the outlines of "
+        f"the {what}: {fit.shifted:.1f} standard deviations above what is around, "
+        f"{fit.strength:.1f} on the outlines"
     )
     if (offset := fit.neighbour) is not None:
         name = "next" if offset > 0 else "previous"
