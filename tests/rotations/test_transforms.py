@@ -40,6 +40,15 @@ SAME: dict[str, tuple[Callable, tuple[Tensor, ...]]] = {
     "vee": (rotations.vee, (numbers(5, 3, 3),)),
     "is_rotation": (rotations.is_rotation, (R_1,)),
     "rotation_defect": (rotations.rotation_defect, (numbers(5, 3, 3),)),
+    "quaternion_inverse": (rotations.quaternion_inverse, (numbers(5, 4),)),
+    "quaternion_apply": (rotations.quaternion_apply, (numbers(5, 4), numbers(5, 7, 3))),
+    "quaternion_slerp": (
+        rotations.quaternion_slerp,
+        (numbers(5, 4), numbers(5, 4), torch.linspace(0.1, 0.9, 5, dtype=torch.float64)),
+    ),
+    "slerp": (rotations.slerp, (R_1, R_2, torch.linspace(0.1, 0.9, 5, dtype=torch.float64))),
+    "wxyz_to_xyzw": (rotations.wxyz_to_xyzw, (numbers(5, 4),)),
+    "xyzw_to_wxyz": (rotations.xyzw_to_wxyz, (numbers(5, 4),)),
     "umeyama": (lambda a, b: umeyama(a, b, with_scale=True), (numbers(5, 9, 3), numbers(5, 9, 3))),
 }
 each = pytest.mark.parametrize(("function", "args"), SAME.values(), ids=SAME)
