@@ -75,7 +75,7 @@ def check(report: Report) -> None:
         return
     (x, y), what = fit.shift, "masks" if report.kind == "masks" else "drawn models"
     report.facts.append(
-        f"colours: edges of the pictures are strongest ({x:+d}, {y:+d}) pixels from the outlines of "
+        f"colours: edges of pictures are strongest ({x:+d}, {y:+d}) pixels from the outlines of "
         f"the {what}: {fit.shifted:.1f} standard deviations above what is around, "
         f"{fit.strength:.1f} on the outlines"
     )
