@@ -46,6 +46,8 @@ KEPT = {
     "data_tools.bop.rotations.check_rotations": "for the readers of all layouts",
     "data_tools.bop.scenes": "steps of `BopDataset`; its warnings are exported",
     "data_tools.checking.agreement": "a step of `check_dataset`",
+    "data_tools.checking.blobs": "a step of `check_dataset`",
+    "data_tools.checking.camera_fits": "a step of `check_dataset`",
     "data_tools.checking.boxes": "a step of `check_dataset`",
     "data_tools.checking.colours": "a step of `check_dataset`",
     "data_tools.checking.command": "the command, which `data_tools.main` has",

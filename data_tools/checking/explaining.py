@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_tools.checking import depths, fits
+from data_tools.checking import camera_fits, depths, fits
 from data_tools.checking.agreement import agreement, quick_agreement
 from data_tools.checking.corrections import (
     AS_GIVEN,
@@ -116,13 +116,17 @@ def _candidates(kind: str, sample: Sample, instances: Sequence[Instance]) -> lis
             for owner in owners
         ]
         if kind == "boxes":
-            return [*poses, *cameras, *fits.usual_sizes(), *scaled]
+            return [*poses, *cameras, *camera_fits.usual_sizes(), *scaled]
         state = depths.depth_state(instances, AS_GIVEN.place)
         unit = None if state is None else depths.unit_correction(state)
-        return [*few, cameras[0], *fits.usual_sizes(), *scaled, *([unit] if unit else [])]
+        return [*few, cameras[0], *camera_fits.usual_sizes(), *scaled, *([unit] if unit else [])]
     bases = [p for p in poses if p.key != "turned model"]
     scaled = [one for base in (AS_GIVEN, *bases) for one in fits.scale_fits(instances, base)]
-    fitted = [*fits.usual_sizes(), *fits.camera_fits(instances), *fits.origin_fit(instances)]
+    fitted = [
+        *camera_fits.usual_sizes(),
+        *camera_fits.camera_fits(instances),
+        *fits.origin_fit(instances),
+    ]
     return [*poses, *cameras, *mask_corrections(sample), *scaled, *fitted]
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from data_tools.checking.camera_fits import half_words
 from data_tools.checking.corrections import AS_GIVEN, Place, camera_corrections
 from data_tools.checking.drawing import Placement, draw, hull_of
-from data_tools.checking.fits import half_words
 from data_tools.checking.report import Finding, Report
 from data_tools.checking.sample import Instance, spread_out
 

@@ -46,6 +46,7 @@ def options(data, output, pictures=None):
     return argparse.Namespace(data=data, output=str(output), pictures=pictures)
 
 
+@pytest.mark.slow
 def test_of_pictures_both_are_written(photos, tmp_path):
     found = beside(options(f"pictures:{photos}", tmp_path / "poses.csv"))
     assert found == Beside(tmp_path / "poses_pictures", tmp_path / "poses_images.csv")
@@ -65,6 +66,7 @@ def test_of_pictures_both_are_written(photos, tmp_path):
     assert again == lines, "what is there is written over"
 
 
+@pytest.mark.slow
 def test_of_others_only_what_was_asked_for(three, tmp_path):
     assert beside(options("bop:x", tmp_path / "p.csv")) == Beside(None, None)
     assert list(Beside(None, None).write(three, table_of([]), [])) == []
@@ -78,6 +80,7 @@ def test_a_stream_has_nothing_beside_it(photos):
     assert beside(options(f"pictures:{photos}", "/dev/null")) == Beside(None, None)
 
 
+@pytest.mark.slow
 def test_not_all_of_many_are_drawn(three, tmp_path, monkeypatch):
     monkeypatch.setattr(overlays, "MOST", 2)
     (line,) = Beside(tmp_path / "drawn", None).write(three, table_of([]), [])
@@ -103,6 +106,7 @@ def strokes(png):
     return int((np.ptp(image, axis=2) > 60).sum())
 
 
+@pytest.mark.slow
 def test_poses_are_drawn(three):
     view = three[1]
     grey = type(view)(**{**vars(view), "rgb": np.full((24, 32, 3), 90, np.uint8)})

@@ -6,6 +6,7 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from data_tools.checking.agreement import agreement
 from data_tools.checking.drawing import Placement, Shape, draw
 from data_tools.checking.sample import read_sample
 from data_tools.views import Dataset, ObjectView, View
@@ -108,3 +109,17 @@ def sample_of(dataset):
     """All of its views."""
     shapes = {i: Shape(i, dataset.meshes[i]) for i in dataset.meshes}
     return read_sample(dataset, range(len(dataset)), shapes)
+
+
+def changed(sample, pose=None, K=None):
+    """The instances with other poses or cameras."""
+    for instance in sample.instances:
+        item = instance.item
+        if pose is not None:
+            R, t = pose(item.R, item.t)
+            item = replace(item, R=R, t=t)
+        yield replace(instance, item=item, K=instance.K if K is None else K @ instance.K)
+
+
+def median(instances, correction):
+    return np.median([agreement("masks", i, correction) for i in instances])

@@ -48,6 +48,7 @@ def test_silhouette_and_depth_are_those_of_rays(seed):
     assert not depth[~mask].any()
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(seed=st.integers(0, 1000), factor=st.sampled_from([1e-6, 1e-3, 0.5, 10, 1e6]))
 def test_only_ratios_count(seed, factor):
@@ -74,6 +75,7 @@ def test_the_hull_is_that_of_the_projected_corners(seed):
     assert (mask & ~drawn).sum() < 0.08 * drawn.sum() + 20
 
 
+@pytest.mark.slow
 def test_a_rough_mesh_has_few_corners():
     ball = Shape(1, trimesh.creation.icosphere(subdivisions=5, radius=0.5))
     assert len(ball.points) <= 600

@@ -20,6 +20,7 @@ def test_what_fits_needs_no_explanation(sample):
     assert explain("masks", sample, sample.instances, scores) is None
 
 
+@pytest.mark.slow
 def test_the_explanation_has_numbers(made):
     sample, instances, scores = of(made, lambda o: {"R": o.R.T, "t": -o.R.T @ o.t})
     found = explain("masks", sample, instances, scores)
@@ -27,6 +28,7 @@ def test_the_explanation_has_numbers(made):
     assert found.before == np.median(scores) < 0.1 and found.after > 0.97
 
 
+@pytest.mark.slow
 def test_the_least_freedom_is_believed(made):
     """A scale of 1000 is a unit, of 1.3 is not: the first has nothing fitted to it."""
     for factor, cost in ((1 / 1000, 0), (1.3, 1)):
@@ -35,6 +37,7 @@ def test_the_least_freedom_is_believed(made):
         assert found.cost == cost and found.factor == pytest.approx(factor, rel=0.004)
 
 
+@pytest.mark.slow
 def test_what_is_as_likely_is_said(made):
     """Where fx is fy, cx and cy may be swapped alone or with them."""
     square = np.array([[170.0, 0, 83], [0, 170, 57], [0, 0, 1]])
@@ -54,6 +57,7 @@ def test_what_is_as_likely_is_said(made):
     assert [other.key for other in found.others] == ["swapped x and y"]
 
 
+@pytest.mark.slow
 def test_nothing_explains_noise(made, rng):
     def anywhere(item):
         return {"t": item.t + rng.uniform(-0.2, 0.2, 3)}

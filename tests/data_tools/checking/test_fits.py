@@ -1,36 +1,18 @@
 """Fitted sizes are those that were put in."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from data_tools.checking.agreement import agreement
 from data_tools.checking.corrections import AS_GIVEN, pose_corrections
 from data_tools.checking.fits import (
-    camera_fits,
-    half_words,
     origin_fit,
     rescaled,
     scale_fits,
     snapped,
-    usual_sizes,
     with_owner,
 )
-
-
-def changed(sample, pose=None, K=None):
-    """The instances with other poses or cameras."""
-    for instance in sample.instances:
-        item = instance.item
-        if pose is not None:
-            R, t = pose(item.R, item.t)
-            item = replace(item, R=R, t=t)
-        yield replace(instance, item=item, K=instance.K if K is None else K @ instance.K)
-
-
-def median(instances, correction):
-    return np.median([agreement("masks", i, correction) for i in instances])
+from tests.data_tools.checking.made import changed, median
 
 
 @pytest.mark.parametrize("factor", [1e-3, 0.6, 0.9, 1.3, 40.0, 1000.0])
@@ -85,38 +67,6 @@ def test_units(value, unit):
     assert snapped(value) == unit
 
 
-def shift(x, y):
-    return np.array([[1, 0, x], [0, 1, y], [0, 0, 1]])
-
-
-@pytest.mark.parametrize(
-    ("K", "key"),
-    [
-        (shift(-7, 4), "shifted images"),
-        (shift(0.5, 0.5), "half a pixel"),
-        (np.diag([2.0, 2, 1]), "wrong image size"),
-        (shift(12, -9) @ np.diag([1.5, 1.5, 1]), "cut and resized images"),
-    ],
-)
-def test_cameras(sample, K, key):
-    instances = list(changed(sample, K=K))
-    found = [c for c in camera_fits(instances) if c.key == key]
-    assert max(median(instances, one) for one in found) > 0.93
-
-
-def test_focal_lengths(sample):
-    instances = [replace(i, K=i.K @ np.diag([1.3, 1.3, 1])) for i in sample.instances]
-    found = [c for c in camera_fits(instances) if c.key == "wrong focal length" and c.vary]
-    tuned = [found[0].vary(f) for f in np.linspace(0.95, 1.05, 21)]
-    assert max(median(instances, one) for one in tuned) > 0.95
-
-
-def test_other_sizes_are_whole_fractions(sample):
-    assert len(usual_sizes()) == 10
-    instances = list(changed(sample, K=np.array([[4, 0, 1.5], [0, 4, 1.5], [0, 0, 1]])))
-    assert max(median(instances, one) for one in usual_sizes()) > 0.97
-
-
 def test_origins(sample):
     offset = np.array([0.02, -0.03, 0.04])
     in_model = list(changed(sample, lambda R, t: (R, t + R @ offset)))
@@ -127,8 +77,3 @@ def test_origins(sample):
             place = found.place(wrong)
             np.testing.assert_allclose(place.t, right.item.t, atol=0.008)
     assert origin_fit(in_model[:3]) == []
-
-
-def test_half_pixels_in_words():
-    assert "too large: they count" in half_words(np.array([-0.5, -0.5]))
-    assert half_words(np.array([0.5, 0.5])) == "cx and cy are half a pixel too small"
